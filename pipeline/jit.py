@@ -1,0 +1,140 @@
+"""The one decorator that compiles kernels, and where their compiled code is kept between processes.
+
+`kernel` marks a function that Python calls: compiled at its first call, without the GIL held, and cached on disk.
+`helper` marks a function that only kernels call: it is compiled into them.
+
+Numba's own disk cache looks at the file that holds a kernel and at nothing else: after an edit of a helper in another
+file, the stale kernel goes on answering. So each module's kernels are kept in a folder named by a digest of that module
+*and of every module of ours that it imports, directly or not*. An edit anywhere below a kernel gives a new folder; an
+edit elsewhere compiles nothing again.
+
+`fastmath` is never set: without it LLVM neither reorders sums nor fuses a multiply with an add, so the same input gives
+the same bits on every x86-64 machine.
+"""
+
+import ast
+import functools
+import hashlib
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core import event
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = ("pipeline", "tiler")
+KEEP_DAYS = 30
+
+
+def _imports_of(path: Path, package: str) -> set[str]:
+    """Names of the modules of ours that the file at `path` imports (a name imported from a package may be a module)."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:  # a relative import: resolve it against the importing package
+                parents = package.split(".")
+                base = ".".join(parents[: len(parents) - node.level + 1] + ([base] if base else []))
+            found.add(base)
+            found.update(f"{base}.{alias.name}" for alias in node.names)
+    return {name for name in found if name.split(".")[0] in PACKAGES}
+
+
+def _file_of(module: str, root: Path) -> Path | None:
+    stem = root.joinpath(*module.split("."))
+    for path in (stem.with_suffix(".py"), stem / "__init__.py"):
+        if path.is_file():
+            return path
+    return None
+
+
+def source_digest(path: Path, root: Path = ROOT) -> str:
+    """Digest of the file at `path`, of all modules of ours that it can reach by imports, and of the Numba version."""
+    seen: dict[Path, bytes] = {}
+    todo = [path]
+    while todo:
+        file = todo.pop()
+        if file in seen:
+            continue
+        seen[file] = file.read_bytes()
+        package = ".".join(file.relative_to(root).parent.parts) if file.is_relative_to(root) else ""
+        todo.extend(f for name in _imports_of(file, package) if (f := _file_of(name, root)) is not None)
+    digest = hashlib.sha256(f"numba {numba.__version__}".encode())
+    for file in sorted(seen):
+        digest.update(file.name.encode() + b"\0" + seen[file] + b"\0")
+    return digest.hexdigest()[:16]
+
+
+@functools.cache
+def cache_root() -> Path:
+    """Folder of all compiled kernels: TILER_CACHE_DIR, else the user's cache folder, else a temporary one."""
+    chosen = os.environ.get("TILER_CACHE_DIR")
+    base = Path(chosen) if chosen else Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "tiler"
+    try:
+        base.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=base).close()
+    except (OSError, RuntimeError):
+        base = Path(tempfile.mkdtemp(prefix="tiler-kernels-"))
+    _prune(base)
+    return base
+
+
+def _prune(base: Path) -> None:
+    """Forget the kernels of sources that nobody has used for KEEP_DAYS."""
+    limit = time.time() - KEEP_DAYS * 86400
+    for folder in base.iterdir():
+        try:
+            if folder.is_dir() and len(folder.name) == 16 and folder.stat().st_mtime < limit:
+                shutil.rmtree(folder, ignore_errors=True)
+        except OSError:
+            continue
+
+
+@functools.cache
+def _folder_of(file: str) -> str:
+    folder = cache_root() / source_digest(Path(file).resolve())
+    folder.mkdir(exist_ok=True)
+    os.utime(folder)  # used today: keeps it from being pruned
+    return str(folder)
+
+
+def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile `function` at its first call: GIL released, division by zero as IEEE defines it, cached on disk."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = _folder_of(function.__code__.co_filename)
+    try:
+        return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+def helper(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile `function` into the kernels that call it. Not cached by itself: that would gain nothing."""
+    return numba.njit(nogil=True, error_model="numpy")(function)
+
+
+class _Announcer(event.Listener):
+    """Says, once a process and only when something really compiles, why the first run takes longer."""
+
+    def __init__(self) -> None:
+        self.compiled = 0
+
+    def on_start(self, event: Any) -> None:
+        if self.compiled == 0 and not os.environ.get("TILER_QUIET"):
+            print("compiling kernels, first run only ...", file=sys.stderr, flush=True)
+        self.compiled += 1
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+announcer = _Announcer()
+event.register("numba:compile", announcer)
