@@ -1,0 +1,115 @@
+"""The contract between the stages: every array that one stage writes and another reads.
+
+All are flat NamedTuples of arrays, struct-of-arrays, first axis = item; kernels read them as they are. Naming of sizes:
+P patches, N domain points, T triangles, K distinct tessellation patterns, L displacement maps.
+"""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+I64 = NDArray[np.int64]
+U8 = NDArray[np.uint8]
+U16 = NDArray[np.uint16]
+U32 = NDArray[np.uint32]
+
+
+class Address(IntEnum):
+    """Texture address modes (D3D11_TEXTURE_ADDRESS_MODE, the three that a displacement map needs)."""
+
+    WRAP = 0
+    MIRROR = 1
+    CLAMP = 2
+
+
+class FaceCull(IntEnum):
+    """D3D11_CULL_MODE; a front face is clockwise on the screen (FrontCounterClockwise = FALSE)."""
+
+    NONE = 0
+    FRONT = 1
+    BACK = 2
+
+
+class CullFlag(IntEnum):
+    """Why the hull stage dropped a patch: the value of `cull_flags`; 0 is alive. The first reason found counts."""
+
+    ALIVE = 0
+    NONFINITE = 1
+    FACTOR = 2
+    FRUSTUM = 3
+
+
+class DisplacementMaps(NamedTuple):
+    """All displacement maps of a scene, packed. A displacement is `scale * bilinear(texels) + bias`, world units."""
+
+    texels: F32  # (sum of w*h,) row-major, row 0 at t = 0
+    first: I64  # (L+1,) texels of map k are texels[first[k]:first[k+1]]
+    size: I32  # (L, 2) width, height in texels
+    address: I32  # (L,) Address
+    scale: F32  # (L,)
+    bias: F32  # (L,)
+
+
+class Patches(NamedTuple):
+    """Bicubic Bezier patches. The vertex stage reads them in object space and writes them in world space."""
+
+    control_points: F32  # (P, 4, 4, 4) homogeneous (wx, wy, wz, w), [p, i, j]: i along u, j along v
+    rational: U8  # (P,) 1 where some control point has w != 1
+    texcoords: F32  # (P, 4, 2) (s, t) at (u, v) = (0,0) (1,0) (0,1) (1,1)
+    map_id: I32  # (P,) displacement map, -1 = not displaced
+    object_id: I32  # (P,) the object that the patch belongs to
+
+
+class TessFactors(NamedTuple):
+    """Output of the hull stage's patch-constant phase, input of the tessellator (SV_TessFactor order)."""
+
+    edge: F32  # (P, 4) edges u=0, v=0, u=1, v=1
+    inside: F32  # (P, 2) along u, along v
+
+
+class PatchBounds(NamedTuple):
+    """What a bounding algorithm says of each displaced patch: an oriented box, and what follows from it on screen."""
+
+    center: F64  # (P, 3) world space
+    axes: F64  # (P, 3, 3) half-extent vectors (rows): the box is center +- axes[0] +- axes[1] +- axes[2]
+    corners: F64  # (P, 8, 4) box corners in clip space, exact images up to float64 rounding
+    slack: F64  # (P, 4) how far x, y, z, w of the float32 shader's clip position may leave the corners' hull
+    rect: I32  # (P, 4) pixels x0 y0 x1 y1, ends exclusive, clipped to the picture; x0 == x1: touches no pixel
+    z_min: F32  # (P,) no sample of the patch has a smaller depth; 0 where nothing is known
+    inside: U8  # (P,) 1: wholly inside the frustum, no triangle of it needs the clipper
+    cone_axis: F64  # (P, 3) normal cone; zero where unknown
+    cone_cos: F64  # (P,) cosine of its half angle; -1 = unknown
+
+
+class Patterns(NamedTuple):
+    """The distinct tessellation patterns of a frame. Patch p uses pattern `of_patch[p]` (-1: culled by a factor)."""
+
+    of_patch: I32  # (P,)
+    uv: F32  # (2, sum of points): row 0 all u, row 1 all v
+    first_point: I64  # (K+1,)
+    index: U16  # (3 * sum of triangles,) point numbers local to the pattern
+    first_triangle: I64  # (K+1,) in triangles
+
+
+class DomainPoints(NamedTuple):
+    """Domain-shader output: points of live patch number k (k-th in submit order) are first[k]:first[k+1]."""
+
+    first: I64  # (live+1,)
+    clip: F32  # (4, N) x, y, z, w in clip space, row per component
+    normal: F32  # (3, N) unit, world space; zero where the surface has none
+
+
+class Viewport(NamedTuple):
+    """D3D11_VIEWPORT with integer bounds; scalars, so that kernels take it whole."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+    min_depth: float
+    max_depth: float

@@ -1,0 +1,41 @@
+"""A tile-based sort-middle rasterizer with the Direct3D 11 tessellation pipeline, simulated.
+
+The names below are what users call; each is loaded at its first use, so that importing this package stays light.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tiler.config import Machine as Machine
+    from tiler.errors import TilerError as TilerError
+    from tiler.frame import Frame as Frame
+    from tiler.scene import Scene as Scene
+    from tiler.scene import load_scene as load_scene
+    from tiler.scene import scene_names as scene_names
+    from tiler.simulate import simulate as simulate
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "Frame": "tiler.frame",
+    "Machine": "tiler.config",
+    "Scene": "tiler.scene",
+    "TilerError": "tiler.errors",
+    "load_scene": "tiler.scene",
+    "scene_names": "tiler.scene",
+    "simulate": "tiler.simulate",
+}
+
+__all__ = ["Frame", "Machine", "Scene", "TilerError", "__version__", "load_scene", "scene_names", "simulate"]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        from importlib import import_module
+
+        return getattr(import_module(_HOME[name]), name)
+    raise AttributeError(f"module 'tiler' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

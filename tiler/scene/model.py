@@ -1,0 +1,94 @@
+"""What is drawn: a Scene is plain data, complete and checked. The loader and the builders make it; the machine reads it."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from pipeline.types import F32, I32
+
+Shading = Literal["lambert", "normal", "patch", "wireframe", "tile_grid"]
+Partitioning = Literal["integer", "pow2", "fractional_odd", "fractional_even"]
+AddressMode = Literal["wrap", "mirror", "clamp"]
+CullMode = Literal["none", "front", "back"]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """The render target. Width and height in pixels, samples 1 or 4 (the standard pattern)."""
+
+    width: int = 1280
+    height: int = 720
+    samples: int = 1
+    shading: Shading = "lambert"
+    background: tuple[int, int, int] = (24, 27, 34)  # 8-bit RGB as stored in the picture
+
+
+@dataclass(frozen=True)
+class Tessellation:
+    """The hull shader's policy for factors: fixed ones, or edges cut to a length on the screen.
+
+    factor : edge factors u=0, v=0, u=1, v=1, then inside u, v; used where edge_pixels is None.
+    edge_pixels : wished length of a segment on the screen in pixels; factors then come from the control polygon of
+        each edge, the same on both sides of a shared edge, and never exceed max_factor.
+    """
+
+    partitioning: Partitioning = "integer"
+    factor: tuple[float, float, float, float, float, float] = (16.0,) * 6
+    edge_pixels: float | None = None
+    max_factor: float = 64.0
+
+
+@dataclass(frozen=True)
+class DisplacementMap:
+    """Displacement along the unit normal, world units: `scale * bilinear(texels, s, t) + bias`."""
+
+    texels: F32  # (height, width), row 0 at t = 0
+    address: AddressMode = "wrap"
+    scale: float = 1.0
+    bias: float = 0.0
+
+
+@dataclass(frozen=True)
+class CameraKey:
+    """Where the camera stands at one frame, world space, right-handed; it looks from `eye` to `target`."""
+
+    frame: float
+    eye: tuple[float, float, float]
+    target: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class CameraPath:
+    """Keys in rising order of frame; between them eye and target follow a Catmull-Rom spline, outside they stand still."""
+
+    keys: tuple[CameraKey, ...]
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    fov: float = 45.0  # vertical, degrees
+    near: float = 0.1
+    far: float = 100.0
+
+
+@dataclass(frozen=True)
+class Scene:
+    """All that a frame needs. Arrays are C-contiguous and never written after the scene is made."""
+
+    name: str
+    control_points: F32  # (P, 4, 4, 4) homogeneous, object space, [p, i, j]: i along u, j along v
+    texcoords: F32  # (P, 4, 2) at (u, v) = (0,0) (1,0) (0,1) (1,1)
+    map_id: I32  # (P,) index into maps, -1 = not displaced
+    object_id: I32  # (P,) index into transforms
+    transforms: np.ndarray  # (objects, 3, 4) float32, object to world, column vectors
+    maps: tuple[DisplacementMap, ...]
+    camera: CameraPath
+    picture: Picture = field(default_factory=Picture)
+    tessellation: Tessellation = field(default_factory=Tessellation)
+    face_cull: CullMode = "back"
+    light: tuple[float, float, float] = (0.35, -0.5, 0.8)  # towards the light, world space, any length
+    frames: int = 1  # length of the animation
+    title: str = ""
+
+    @property
+    def num_patches(self) -> int:
+        """Number of patches that the input assembler reads."""
+        return len(self.control_points)
