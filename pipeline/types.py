@@ -92,7 +92,7 @@ class Patterns(NamedTuple):
     of_patch: I32  # (P,)
     uv: F32  # (2, sum of points): row 0 all u, row 1 all v
     first_point: I64  # (K+1,)
-    index: U16  # (3 * sum of triangles,) point numbers local to the pattern
+    indices: U16  # (3 * sum of triangles,) point numbers local to the pattern
     first_triangle: I64  # (K+1,) in triangles
 
 
@@ -113,3 +113,24 @@ class Viewport(NamedTuple):
     height: int
     min_depth: float
     max_depth: float
+
+
+class Window(NamedTuple):
+    """Vertices after viewport and snap: domain points first, then vertices that the clipper made."""
+
+    x: I32  # (V,) 16.8 fixed point, right
+    y: I32  # (V,) 16.8 fixed point, down
+    z: F32  # (V,) window depth
+    w: F32  # (V,) clip-space w
+    code: U8  # (V,) OutCode bits; meaningful for domain points only
+
+
+class Triangles(NamedTuple):
+    """Triangles that survived set-up, clockwise. Those of live patch k lie at first[k] .. first[k] + used[k] - 1."""
+
+    first: I64  # (live+1,) room for every triangle that the patch may give
+    used: I32  # (live,)
+    vertex: I32  # (T, 3) into Window; the first is the leading vertex
+    box: NDArray[np.int16]  # (T, 4) first column, first row, last column, last row with a sample, inclusive
+    edges: U8  # (T,) bit i: the edge opposite vertex i is the tessellation's, not a cut of the clipper; bit 3: back face
+    patch: I32  # (T,) patch number

@@ -1,0 +1,40 @@
+"""View-frustum cull of a patch by the clip-space corners of its bound, without a division.
+
+A patch is outside when all eight corners are outside the *same* plane by more than the slack of the float32 shader.
+Right for any sign of w: each plane's distance is linear in clip space, so the corners bound it. (The test in NDC that
+Sathe 2011 describes divides first, and wrongly culls boxes that cross w = 0.)
+"""
+
+from pipeline.jit import helper, kernel
+from pipeline.types import U8, CullFlag, PatchBounds
+
+ALIVE, FRUSTUM = int(CullFlag.ALIVE), int(CullFlag.FRUSTUM)
+
+
+@helper
+def _outside(p, bounds):
+    sx, sy, sz, sw = bounds.slack[p]
+    outside = 0b111111
+    for k in range(8):
+        x, y, z, w = bounds.corners[p, k]
+        outside &= (
+            (w + x < -(sw + sx))
+            | (w - x < -(sw + sx)) << 1
+            | (w + y < -(sw + sy)) << 2
+            | (w - y < -(sw + sy)) << 3
+            | (z < -sz) << 4
+            | (w - z < -(sw + sz)) << 5
+        )
+    return outside != 0
+
+
+@kernel
+def _cull_patches(bounds, flags):
+    for p in range(len(flags)):
+        if flags[p] == ALIVE and _outside(p, bounds):
+            flags[p] = FRUSTUM
+
+
+def cull_patches(bounds: PatchBounds, flags: U8) -> None:
+    """Flag alive patches whose bound lies outside one plane of the frustum; `flags` uint8[P] modified in place."""
+    _cull_patches(bounds, flags)

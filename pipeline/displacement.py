@@ -1,0 +1,125 @@
+"""Displacement maps: bilinear lookups as the domain shader makes them, and the range that a map can return.
+
+Texture space: texel (i, j) of a w x h map has its centre at s = (i + 0.5) / w, t = (j + 0.5) / h; row 0 is at t = 0.
+The address mode is applied to each texel number by itself (D3D11.3 functional specification, 7.18).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.jit import helper
+from pipeline.types import F32, F64, Address, DisplacementMaps
+
+ONE = np.float32(1.0)
+HALF = np.float32(0.5)
+FAR_TEXEL = np.float32(2.0**30)  # beyond it a texel number is no longer meaningful: texel 0 then
+WRAP, MIRROR = int(Address.WRAP), int(Address.MIRROR)
+
+
+def pack_maps(maps: Sequence[tuple[F32, Address, float, float]]) -> DisplacementMaps:
+    """Pack maps, each (texels float32[h, w], address, scale, bias), into the arrays that kernels read."""
+    sizes = [texels.shape[::-1] for texels, _, _, _ in maps]
+    return DisplacementMaps(
+        texels=np.concatenate([np.zeros(0, np.float32)] + [texels.astype(np.float32).ravel() for texels, _, _, _ in maps]),
+        first=np.cumsum([0] + [w * h for w, h in sizes], dtype=np.int64),
+        size=np.array(sizes, np.int32).reshape(-1, 2),
+        address=np.array([address for _, address, _, _ in maps], np.int32),
+        scale=np.array([scale for _, _, scale, _ in maps], np.float32),
+        bias=np.array([bias for _, _, _, bias in maps], np.float32),
+    )
+
+
+def map_ranges(maps: DisplacementMaps) -> F64:
+    """Smallest and largest displacement that any lookup in each map can return, world units: float64[L, 2].
+
+    A bilinear value is a convex combination of texels, so the texels' range holds it up to rounding: the fetch rounds
+    three times an axis, scale and bias once each, every time by at most 2^-24 of a magnitude that the range bounds.
+    NaN where the map holds a NaN.
+    """
+    ranges = np.zeros((len(maps.size), 2))
+    for m in range(len(ranges)):
+        texels = maps.texels[maps.first[m] : maps.first[m + 1]]
+        lo, hi = float(texels.min()), float(texels.max())
+        scale, bias = float(maps.scale[m]), float(maps.bias[m])
+        ends = (scale * lo + bias, scale * hi + bias)
+        pad = 2.0**-24 * (10.0 * abs(scale) * max(abs(lo), abs(hi)) + 2.0 * abs(bias)) + 2.0**-140
+        ranges[m] = min(ends) - pad, max(ends) + pad
+        if not np.isfinite(lo + hi):
+            ranges[m] = np.nan
+    return ranges
+
+
+@helper
+def texel_coordinates(texcoords, maps, m, u, v, x, y):
+    """Fill x, y with unnormalized texel coordinates (texel centres at whole numbers) at the points (u, v); rows of n.
+
+    The texture coordinate is bilinear in (u, v), exact at the corners and symmetric under reversal of an edge.
+    """
+    width, height = np.float32(maps.size[m, 0]), np.float32(maps.size[m, 1])
+    s00, s10, s01, s11 = texcoords[0, 0], texcoords[1, 0], texcoords[2, 0], texcoords[3, 0]
+    t00, t10, t01, t11 = texcoords[0, 1], texcoords[1, 1], texcoords[2, 1], texcoords[3, 1]
+    for k in range(len(u)):
+        u1, v1 = u[k], v[k]
+        u0, v0 = ONE - u1, ONE - v1
+        x[k] = (v0 * (u0 * s00 + u1 * s10) + v1 * (u0 * s01 + u1 * s11)) * width - HALF
+    for k in range(len(u)):
+        u1, v1 = u[k], v[k]
+        u0, v0 = ONE - u1, ONE - v1
+        y[k] = (v0 * (u0 * t00 + u1 * t10) + v1 * (u0 * t01 + u1 * t11)) * height - HALF
+
+
+@helper
+def _texel(i, n, mode):
+    """Texel number that address `mode` reads for i on an axis of n texels."""
+    if mode == WRAP:
+        return i % n
+    if mode == MIRROR:
+        i = i % (2 * n)
+        return i if i < n else 2 * n - 1 - i
+    return min(max(i, 0), n - 1)
+
+
+@helper
+def fetch(maps, m, x, y):
+    """Bilinear value of map m at texel coordinates (x, y), before scale and bias, and its derivatives along x and y."""
+    if not (abs(x) < FAR_TEXEL and abs(y) < FAR_TEXEL):  # also where a coordinate is NaN
+        x, y = np.float32(0.0), np.float32(0.0)
+    fx, fy = np.floor(x), np.floor(y)
+    i0, j0 = np.int64(fx), np.int64(fy)
+    i1, j1 = i0 + 1, j0 + 1
+    x1, y1 = x - fx, y - fy
+    x0, y0 = ONE - x1, ONE - y1
+    width, height = np.int64(maps.size[m, 0]), np.int64(maps.size[m, 1])
+    if i0 < 0 or i1 >= width or j0 < 0 or j1 >= height:
+        mode = maps.address[m]
+        i0, i1 = _texel(i0, width, mode), _texel(i1, width, mode)
+        j0, j1 = _texel(j0, height, mode), _texel(j1, height, mode)
+    row0 = maps.first[m] + j0 * width
+    row1 = maps.first[m] + j1 * width
+    t00, t10 = maps.texels[row0 + i0], maps.texels[row0 + i1]
+    t01, t11 = maps.texels[row1 + i0], maps.texels[row1 + i1]
+    upper = x0 * t00 + x1 * t10
+    lower = x0 * t01 + x1 * t11
+    return y0 * upper + y1 * lower, y0 * (t10 - t00) + y1 * (t11 - t01), lower - upper
+
+
+@helper
+def gradient(texcoords, width, height, scale, u, v, gx, gy, gu, gv):
+    """Rows gu, gv: derivatives of the displacement along u and v, from those along the texels, gx and gy.
+
+    width, height : the map's size in texels, float32; scale : its scale.
+    """
+    s00, s10, s01, s11 = texcoords[0, 0], texcoords[1, 0], texcoords[2, 0], texcoords[3, 0]
+    t00, t10, t01, t11 = texcoords[0, 1], texcoords[1, 1], texcoords[2, 1], texcoords[3, 1]
+    to_x, to_y = scale * width, scale * height
+    for k in range(len(u)):
+        v1 = v[k]
+        v0 = ONE - v1
+        s_u, t_u = v0 * (s10 - s00) + v1 * (s11 - s01), v0 * (t10 - t00) + v1 * (t11 - t01)
+        gu[k] = to_x * (gx[k] * s_u) + to_y * (gy[k] * t_u)
+    for k in range(len(u)):
+        u1 = u[k]
+        u0 = ONE - u1
+        s_v, t_v = u0 * (s01 - s00) + u1 * (s11 - s10), u0 * (t01 - t00) + u1 * (t11 - t10)
+        gv[k] = to_x * (gx[k] * s_v) + to_y * (gy[k] * t_v)

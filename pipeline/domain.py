@@ -1,0 +1,250 @@
+"""Domain shader: (u, v) on a bicubic Bezier patch to a displaced position in clip space and a unit normal.
+
+The arithmetic is float32 throughout, in an order that is part of the contract (the bounds' error terms count its
+roundings, and the slow twin repeats it):
+
+- position: sum over i (along u) for each row j, then over j, by `bezier.sum4`;
+- tangents from *differences* of control points, so that they keep their relative accuracy next to collapsed edges; the
+  constant factor 3 is left out where only directions are used;
+- rational patches: X = (wx, wy, wz), w are interpolated and divided; a tangent is (w_L dX - dw X_L) / w^2, where L is the
+  sub-net without the last control point and d the difference of the two sub-nets;
+- unit normal n of du x dv; where that vanishes (collapsed edges) the normal of a point moved 2^-9 of the way to the
+  patch's middle, which is the limit to that accuracy; zero if that vanishes too;
+- displaced position d = p + t n, then each clip component ((m0 x + m1 y) + m2 z) + m3;
+- the normal handed to the pixel shader is that of the displaced surface to first order in its slope (Blinn 1978):
+  p_u x p_v + t_v (p_u x n) + t_u (n x p_v), made unit; n itself where there is no map.
+
+Points are shaded in blocks of up to ROW, in passes over rows of one scratch array. All rows lie in one array at constant
+distances, so LLVM sees without run-time checks that no store meets a later load, and vectorizes every pass but the
+texture fetch.
+"""
+
+import math
+
+import numpy as np
+
+from pipeline.bezier import (
+    cubic,
+    differences_u,
+    differences_v,
+    eval_34,
+    eval_43,
+    eval_44,
+    left_u,
+    left_v,
+    net,
+    quadratic,
+)
+from pipeline.displacement import fetch, gradient, texel_coordinates
+from pipeline.jit import helper, kernel
+
+ROW = 256  # points in a block: all rows together stay in the first-level cache
+
+U, V, PX, PY, PZ, AX, AY, AZ, BX, BY, BZ, T, S, NX, NY, NZ, CX, CY, CZ, CW, GX, GY = (k * ROW for k in range(22))
+SCRATCH = 22 * ROW  # float32 entries that the caller provides
+
+ONE = np.float32(1.0)
+THREE = np.float32(3.0)
+TINY = np.float32(2.0**-100)  # squared length of du x dv below which float32 may have lost it to underflow
+HUGE = np.float32(2.0**100)
+NUDGE = 2.0**-9
+
+
+@helper
+def _polynomial_pass(p, u, v, value, du, dv):
+    """One coordinate of a polynomial patch, its net p, at the points (u, v): value and both differences; rows of n."""
+    steps_u, steps_v = differences_u(p), differences_v(p)
+    for k in range(len(u)):
+        value[k] = eval_44(p, cubic(u[k], ONE), cubic(v[k], ONE))
+    for k in range(len(u)):
+        du[k] = eval_34(steps_u, quadratic(u[k], ONE), cubic(v[k], ONE))
+    for k in range(len(u)):
+        dv[k] = eval_43(steps_v, cubic(u[k], ONE), quadratic(v[k], ONE))
+
+
+@helper
+def _rational_u(p, w, qu, bv):
+    """One coordinate of the direction of a rational patch's tangent along u; p, w: its net and that of the weights."""
+    step, weight_step = eval_34(differences_u(p), qu, bv), eval_34(differences_u(w), qu, bv)
+    return eval_34(left_u(w), qu, bv) * step - weight_step * eval_34(left_u(p), qu, bv)
+
+
+@helper
+def _rational_v(p, w, bu, qv):
+    """As `_rational_u`, along v."""
+    step, weight_step = eval_43(differences_v(p), bu, qv), eval_43(differences_v(w), bu, qv)
+    return eval_43(left_v(w), bu, qv) * step - weight_step * eval_43(left_v(p), bu, qv)
+
+
+@helper
+def _rational_pass(p, w, u, v, value, du, dv):
+    """As `_polynomial_pass` for a rational patch; w: the net of its weights."""
+    for k in range(len(u)):
+        bu, bv = cubic(u[k], ONE), cubic(v[k], ONE)
+        value[k] = eval_44(p, bu, bv) / eval_44(w, bu, bv)
+    for k in range(len(u)):
+        weight = eval_44(w, cubic(u[k], ONE), cubic(v[k], ONE))
+        du[k] = _rational_u(p, w, quadratic(u[k], ONE), cubic(v[k], ONE)) / (weight * weight)
+    for k in range(len(u)):
+        weight = eval_44(w, cubic(u[k], ONE), cubic(v[k], ONE))
+        dv[k] = _rational_v(p, w, cubic(u[k], ONE), quadratic(v[k], ONE)) / (weight * weight)
+
+
+@helper
+def _row(s, first, n):
+    return s[first : first + n]
+
+
+@helper
+def _normal_pass(s, n):
+    """Rows N = unit of A x B; row S = 1 where the squared length was safe, 0 where `_mend_normals` must look again."""
+    for k in range(n):
+        ax, ay, az = s[AX + k], s[AY + k], s[AZ + k]
+        bx, by, bz = s[BX + k], s[BY + k], s[BZ + k]
+        x = ay * bz - az * by
+        y = az * bx - ax * bz
+        z = ax * by - ay * bx
+        square = (x * x + y * y) + z * z
+        length = np.sqrt(square)
+        s[NX + k] = x / length
+        s[NY + k] = y / length
+        s[NZ + k] = z / length
+        s[S + k] = ONE if (square > TINY and square < HUGE) else np.float32(0.0)
+
+
+@helper
+def _scaled_unit(x, y, z):
+    """Unit vector in float64 however small or large the input; zero for the zero vector and for non-finite ones."""
+    m = max(abs(x), abs(y), abs(z))
+    if not (m > 0.0 and m < np.inf):
+        return 0.0, 0.0, 0.0
+    x, y, z = x / m, y / m, z / m
+    length = math.sqrt((x * x + y * y) + z * z)
+    return x / length, y / length, z / length
+
+
+@helper
+def _normal_at(cp, rational, u, v):
+    """Unit normal in float64 arithmetic on the float32 control points."""
+    bu, bv = cubic(u, 1.0), cubic(v, 1.0)
+    qu, qv = quadratic(u, 1.0), quadratic(v, 1.0)
+    x, y, z, w = net(cp, 0), net(cp, 1), net(cp, 2), net(cp, 3)
+    if rational:
+        ax, bx = _rational_u(x, w, qu, bv), _rational_v(x, w, bu, qv)
+        ay, by = _rational_u(y, w, qu, bv), _rational_v(y, w, bu, qv)
+        az, bz = _rational_u(z, w, qu, bv), _rational_v(z, w, bu, qv)
+    else:
+        ax, bx = eval_34(differences_u(x), qu, bv), eval_43(differences_v(x), bu, qv)
+        ay, by = eval_34(differences_u(y), qu, bv), eval_43(differences_v(y), bu, qv)
+        az, bz = eval_34(differences_u(z), qu, bv), eval_43(differences_v(z), bu, qv)
+    ax, ay, az = _scaled_unit(ax, ay, az)
+    bx, by, bz = _scaled_unit(bx, by, bz)
+    return _scaled_unit(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+
+
+@helper
+def _mend_normals(cp, rational, s, n):
+    """Normals where du x dv vanishes, or is too small or too large for float32."""
+    for k in range(n):
+        if s[S + k] == np.float32(0.0):
+            u, v = np.float64(s[U + k]), np.float64(s[V + k])
+            x, y, z = _normal_at(cp, rational, u, v)
+            if x == 0.0 and y == 0.0 and z == 0.0:
+                x, y, z = _normal_at(cp, rational, u + (0.5 - u) * NUDGE, v + (0.5 - v) * NUDGE)
+            s[NX + k], s[NY + k], s[NZ + k] = np.float32(x), np.float32(y), np.float32(z)
+
+
+@helper
+def _displacement_pass(texcoords, maps, m, s, n):
+    """Row T: the filtered displacement of map m; rows S and CX: its derivatives along u and v."""
+    u, v, t = _row(s, U, n), _row(s, V, n), _row(s, T, n)
+    x, y, gx, gy = _row(s, S, n), _row(s, CX, n), _row(s, GX, n), _row(s, GY, n)
+    texel_coordinates(texcoords, maps, m, u, v, x, y)
+    for k in range(n):
+        t[k], gx[k], gy[k] = fetch(maps, m, x[k], y[k])
+    scale, bias = maps.scale[m], maps.bias[m]
+    for k in range(n):
+        t[k] = scale * t[k] + bias
+    gradient(texcoords, np.float32(maps.size[m, 0]), np.float32(maps.size[m, 1]), scale, u, v, gx, gy, x, y)
+
+
+@helper
+def _bump_pass(s, n):
+    """Rows A: unit normal of the displaced surface, from tangents A, B (a third of the derivatives), N, S and CX."""
+    for k in range(n):
+        ax, ay, az = s[AX + k], s[AY + k], s[AZ + k]
+        bx, by, bz = s[BX + k], s[BY + k], s[BZ + k]
+        nx, ny, nz = s[NX + k], s[NY + k], s[NZ + k]
+        along_u, along_v = s[S + k], s[CX + k]
+        cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        x = THREE * cx + (along_v * (ay * nz - az * ny) + along_u * (ny * bz - nz * by))
+        y = THREE * cy + (along_v * (az * nx - ax * nz) + along_u * (nz * bx - nx * bz))
+        z = THREE * cz + (along_v * (ax * ny - ay * nx) + along_u * (nx * by - ny * bx))
+        square = (x * x + y * y) + z * z
+        safe = (cx * cx + cy * cy) + cz * cz > TINY and square > TINY and square < HUGE
+        length = np.sqrt(square)
+        s[AX + k] = x / length if safe else nx
+        s[AY + k] = y / length if safe else ny
+        s[AZ + k] = z / length if safe else nz
+
+
+@helper
+def _transform_pass(matrix, displaced, s, n):
+    """Rows C: clip position of p + t n (of p where the patch has no map: adding 0 n would turn NaN normals into cracks)."""
+    if displaced:
+        for k in range(n):
+            s[PX + k] = s[PX + k] + s[T + k] * s[NX + k]
+            s[PY + k] = s[PY + k] + s[T + k] * s[NY + k]
+            s[PZ + k] = s[PZ + k] + s[T + k] * s[NZ + k]
+    for r in range(4):
+        m0, m1, m2, m3 = matrix[r, 0], matrix[r, 1], matrix[r, 2], matrix[r, 3]
+        for k in range(n):
+            s[CX + r * ROW + k] = ((m0 * s[PX + k] + m1 * s[PY + k]) + m2 * s[PZ + k]) + m3
+
+
+@helper
+def _shade_block(cp, rational, texcoords, map_id, maps, matrix, s, n):
+    """Shade the n points in rows U and V of scratch s."""
+    u, v = _row(s, U, n), _row(s, V, n)
+    for c in range(3):
+        value, du, dv = _row(s, PX + c * ROW, n), _row(s, AX + c * ROW, n), _row(s, BX + c * ROW, n)
+        if rational:
+            _rational_pass(net(cp, c), net(cp, 3), u, v, value, du, dv)
+        else:
+            _polynomial_pass(net(cp, c), u, v, value, du, dv)
+    _normal_pass(s, n)
+    _mend_normals(cp, rational, s, n)
+    if map_id >= 0:
+        _displacement_pass(texcoords, maps, map_id, s, n)
+        _bump_pass(s, n)
+    _transform_pass(matrix, map_id >= 0, s, n)
+
+
+@kernel
+def shade_patches(begin, end, live, patches, patterns, maps, matrix, points, scratch):
+    """Shade every domain point of live patches begin .. end-1 into `points` (modified in place).
+
+    live : int32[...], patch numbers in submit order. patches : world space. matrix : float32[4, 4], world to clip.
+    scratch : float32[SCRATCH], the caller's, one for each thread.
+    """
+    for k in range(begin, end):
+        p = live[k]
+        pattern = patterns.of_patch[p]
+        source = patterns.first_point[pattern]
+        count = patterns.first_point[pattern + 1] - source
+        target = points.first[k]
+        cp, texcoords = patches.control_points[p], patches.texcoords[p]
+        for block in range(0, count, ROW):
+            n = min(ROW, count - block)
+            for i in range(n):
+                scratch[U + i] = patterns.uv[0, source + block + i]
+                scratch[V + i] = patterns.uv[1, source + block + i]
+            _shade_block(cp, patches.rational[p], texcoords, patches.map_id[p], maps, matrix, scratch, n)
+            first = target + block
+            normal_row = AX if patches.map_id[p] >= 0 else NX
+            for c in range(4):
+                for i in range(n):
+                    points.clip[c, first + i] = scratch[CX + c * ROW + i]
+            for c in range(3):
+                for i in range(n):
+                    points.normal[c, first + i] = scratch[normal_row + c * ROW + i]

@@ -1,0 +1,107 @@
+"""Hull shader, patch-constant phase: non-finite patches, tessellation factors, and the list of patches that live on.
+
+The control-point phase of a Bezier patch hands its 16 control points through.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.culling import CULL_TESTS
+from pipeline.jit import helper, kernel
+from pipeline.types import F32, F64, I32, U8, CullFlag, PatchBounds, Patches, TessFactors, Viewport
+
+
+def flag_nonfinite(patches: Patches, ranges: F64) -> U8:
+    """Cull flags, uint8[P]: NONFINITE for patches with a NaN or infinity in control points, texcoords or their map.
+
+    ranges : float64[L, 2] of `displacement.map_ranges`, NaN for a map that holds a NaN or infinity.
+    """
+    fine = np.isfinite(patches.control_points).all(axis=(1, 2, 3))
+    displaced = patches.map_id >= 0
+    if displaced.any():
+        map_fine = np.append(np.isfinite(ranges).all(axis=1), True)  # the last one answers map_id = -1
+        fine &= map_fine[patches.map_id] & (np.isfinite(patches.texcoords).all(axis=(1, 2)) | ~displaced)
+    return np.where(fine, np.uint8(CullFlag.ALIVE), np.uint8(CullFlag.NONFINITE))
+
+
+def run_cull_tests(names: Sequence[str], bounds: PatchBounds, flags: U8) -> None:
+    """Run the named tests of `CULL_TESTS` in order; each flags patches that are still alive (`flags` in place)."""
+    for name in names:
+        CULL_TESTS[name](bounds, flags)
+
+
+def fixed_factors(num_patches: int, factor: Sequence[float]) -> TessFactors:
+    """The same six factors (SV_TessFactor order, then inside u, v) for every patch."""
+    six = np.asarray(factor, np.float32)
+    return TessFactors(np.tile(six[:4], (num_patches, 1)), np.tile(six[4:], (num_patches, 1)))
+
+
+@helper
+def _screen_point(cp, e, k, matrix, half_width, half_height, least_w):
+    """Control point k of edge e in pixels from the middle of the picture, as if at least `least_w` before the eye."""
+    corner = 0 if e < 2 else 3
+    i, j = (corner, k) if e % 2 == 0 else (k, corner)
+    w = np.float64(cp[i, j, 3])
+    x, y, z = cp[i, j, 0] / w, cp[i, j, 1] / w, cp[i, j, 2] / w
+    clip_x = matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z + matrix[0, 3]
+    clip_y = matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * z + matrix[1, 3]
+    clip_w = max(matrix[3, 0] * x + matrix[3, 1] * y + matrix[3, 2] * z + matrix[3, 3], least_w)
+    return clip_x / clip_w * half_width, clip_y / clip_w * half_height
+
+
+@helper
+def _length(a, b):
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    return np.sqrt(dx * dx + dy * dy)
+
+
+@helper
+def _edge_factor(a, b, c, d, edge_pixels, most):
+    """Segments for the control polygon a b c d (pixels). The outer legs are added first: reversing the edge changes no bit."""
+    length = (_length(a, b) + _length(c, d)) + _length(b, c)
+    factor = length / edge_pixels
+    return np.float32(min(factor, most)) if factor >= 1.0 else np.float32(1.0)  # 1 for NaN too
+
+
+@kernel
+def _screen_factors(control_points, matrix, half_width, half_height, least_w, edge_pixels, most, edge, inside):
+    for p in range(len(control_points)):
+        cp = control_points[p]
+        for e in range(4):
+            a = _screen_point(cp, e, 0, matrix, half_width, half_height, least_w)
+            b = _screen_point(cp, e, 1, matrix, half_width, half_height, least_w)
+            c = _screen_point(cp, e, 2, matrix, half_width, half_height, least_w)
+            d = _screen_point(cp, e, 3, matrix, half_width, half_height, least_w)
+            edge[p, e] = _edge_factor(a, b, c, d, edge_pixels, most)
+        inside[p, 0] = max(edge[p, 1], edge[p, 3])
+        inside[p, 1] = max(edge[p, 0], edge[p, 2])
+
+
+def screen_factors(
+    control_points: F32, clip_from_world: F32, viewport: Viewport, least_w: float, edge_pixels: float, most: float
+) -> TessFactors:
+    """Factors that cut each edge into segments of about `edge_pixels` on the screen.
+
+    An edge's length is that of its control polygon in pixels, undisplaced, with every point taken to be at least
+    `least_w` (clip-space w, e.g. the near distance) in front of the eye. It depends on the edge's own control points
+    alone and not on their direction, so both sides of a shared edge get the same factor. Inside factors are the larger of
+    the two edges that run along them. Factors lie in [1, most].
+    """
+    edge = np.empty((len(control_points), 4), np.float32)
+    inside = np.empty((len(control_points), 2), np.float32)
+    half_width, half_height = viewport.width * 0.5, viewport.height * 0.5
+    _screen_factors(
+        control_points, clip_from_world, half_width, half_height, least_w, edge_pixels, most, edge, inside
+    )  # fmt: skip
+    return TessFactors(edge, inside)
+
+
+def flag_factors(of_patch: I32, flags: U8) -> None:
+    """Flag alive patches that the tessellator culled by a factor (`of_patch` -1); `flags` modified in place."""
+    flags[(flags == CullFlag.ALIVE) & (of_patch < 0)] = CullFlag.FACTOR
+
+
+def live_patches(flags: U8) -> I32:
+    """Numbers of the patches still alive, int32[live], in submit order."""
+    return np.flatnonzero(flags == CullFlag.ALIVE).astype(np.int32)

@@ -1,0 +1,35 @@
+"""Vertex shader: control points from object space to world space, in float32."""
+
+import numpy as np
+
+from pipeline.jit import kernel
+from pipeline.types import F32, I32, Patches
+
+
+@kernel
+def _transform(control_points, object_id, transforms, out):
+    for p in range(len(control_points)):
+        m = transforms[object_id[p]]
+        for i in range(4):
+            for j in range(4):
+                x, y, z, w = control_points[p, i, j]
+                for r in range(3):
+                    out[p, i, j, r] = ((m[r, 0] * x + m[r, 1] * y) + m[r, 2] * z) + m[r, 3] * w
+                out[p, i, j, 3] = w
+
+
+def transform_control_points(control_points: F32, object_id: I32, transforms: F32) -> F32:
+    """World-space control points, float32[P, 4, 4, 4], of homogeneous object-space ones.
+
+    transforms : float32[objects, 3, 4], affine, column vectors: world = A x + t w for the homogeneous (wx, wy, wz, w).
+    An exact identity leaves every control point's bits as they are (but for the sign of zero).
+    """
+    out = np.empty_like(control_points)
+    _transform(control_points, object_id, transforms, out)
+    return out
+
+
+def make_patches(control_points: F32, texcoords: F32, map_id: I32, object_id: I32) -> Patches:
+    """Patches from world-space control points; marks the rational ones."""
+    rational = (control_points[..., 3] != 1).any(axis=(1, 2)).astype(np.uint8)
+    return Patches(control_points, rational, texcoords, map_id, object_id)
