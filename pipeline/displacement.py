@@ -21,7 +21,9 @@ def pack_maps(maps: Sequence[tuple[F32, Address, float, float]]) -> Displacement
     """Pack maps, each (texels float32[h, w], address, scale, bias), into the arrays that kernels read."""
     sizes = [texels.shape[::-1] for texels, _, _, _ in maps]
     return DisplacementMaps(
-        texels=np.concatenate([np.zeros(0, np.float32)] + [texels.astype(np.float32).ravel() for texels, _, _, _ in maps]),
+        texels=np.concatenate(
+            [np.zeros(0, np.float32)] + [texels.astype(np.float32).ravel() for texels, _, _, _ in maps]
+        ),
         first=np.cumsum([0] + [w * h for w, h in sizes], dtype=np.int64),
         size=np.array(sizes, np.int32).reshape(-1, 2),
         address=np.array([address for _, address, _, _ in maps], np.int32),

@@ -108,12 +108,13 @@ def _folder_of(file: str) -> str:
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile `function` at its first call: GIL released, division by zero as IEEE defines it, cached on disk."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = _folder_of(function.__code__.co_filename)
+    config: Any = numba.config  # Numba asks it for the folder once, when a function is declared
+    before = config.CACHE_DIR
+    config.CACHE_DIR = _folder_of(function.__code__.co_filename)
     try:
         return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before
 
 
 def helper(function: Callable[..., Any]) -> Callable[..., Any]:

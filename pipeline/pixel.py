@@ -1,7 +1,10 @@
-"""Pixel shader: a few shadings that show what happens, evaluated for the visible triangle at a pixel's centre.
+"""Pixel shader: a few shadings that show what happens, for the triangle seen at a pixel, at the pixel's centre.
 
-Attributes are interpolated with perspective, float64, from the exact edge values of the snapped triangle
-(D3D11.3 functional specification 3.4.1, 15.16.2): a = sum(E_i a_i / w_i) / sum(E_i / w_i).
+Attributes are interpolated with perspective, float64, from the exact edge values of the snapped triangle, and handed to
+the shader as float32 (D3D11.3 functional specification 3.4.1, 15.16.2): a = sum(E_i a_i / w_i) / sum(E_i / w_i).
+
+A row of fragments is shaded together. Its rows lie in one scratch array at constant distances, so that the shader's
+arithmetic vectorizes (as in `pipeline.domain`).
 """
 
 from enum import IntEnum
@@ -9,7 +12,6 @@ from enum import IntEnum
 import numpy as np
 
 from pipeline.jit import helper
-from pipeline.primitives import BACK_FACE
 
 
 class Shade(IntEnum):
@@ -24,79 +26,99 @@ class Shade(IntEnum):
 
 NORMAL, PATCH, WIREFRAME = int(Shade.NORMAL), int(Shade.PATCH), int(Shade.WIREFRAME)
 
+FRAGMENTS = 2048  # most fragments of a row: the widest tile, 512 pixels, with four samples
+NX, NY, NZ, RED, GREEN, BLUE = (k * FRAGMENTS for k in range(6))
+SCRATCH = 6 * FRAGMENTS  # float32 entries that the caller provides
 
-@helper
-def _to_byte(value):
-    return np.uint8(min(max(value, 0.0), 1.0) * 255.0 + 0.5)
-
-
-@helper
-def _lit(nx, ny, nz, light):
-    """Lambert, wrapped half way around so that shadow sides keep their form: 0.08 .. 1, linear."""
-    wrapped = 0.5 + 0.5 * (nx * light[0] + ny * light[1] + nz * light[2])
-    return 0.08 + 0.92 * wrapped * wrapped
+ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+BYTE = np.float32(255.0)
+CLAY = (np.float32(0.80), np.float32(0.74), np.float32(0.64))
+AMBIENT = (np.float32(0.03), np.float32(0.045), np.float32(0.075))  # bluish: shadows are cooler than lit sides
 
 
 @helper
-def _patch_color(patch):
+def patch_color(patch):
     """A light colour, different for neighbouring patch numbers: three bytes of an integer hash."""
     h = (np.uint32(patch) + np.uint32(1)) * np.uint32(2654435761)
     h ^= h >> np.uint32(15)
     h *= np.uint32(2246822519)
     h ^= h >> np.uint32(13)
     return (
-        0.35 + 0.65 * np.float64(h & np.uint32(255)) / 255.0,
-        0.35 + 0.65 * np.float64((h >> np.uint32(8)) & np.uint32(255)) / 255.0,
-        0.35 + 0.65 * np.float64((h >> np.uint32(16)) & np.uint32(255)) / 255.0,
+        np.float32(0.35 + 0.65 / 255.0 * np.float64(h & np.uint32(255))),
+        np.float32(0.35 + 0.65 / 255.0 * np.float64((h >> np.uint32(8)) & np.uint32(255))),
+        np.float32(0.35 + 0.65 / 255.0 * np.float64((h >> np.uint32(16)) & np.uint32(255))),
     )
 
 
 @helper
-def _line_distance(edges, e0, e1, e2, mask):
-    """Distance in pixels from the pixel centre to the nearest tessellation edge of its triangle, at most 1."""
+def _edge_distance(edge, e):
+    """Distance in pixels from a point to an edge, from the edge function's value there."""
+    dx, dy = np.float64(edge[0]), np.float64(edge[1])
+    return abs(np.float64(e)) / (256.0 * np.sqrt(dx * dx + dy * dy))
+
+
+@helper
+def line_darkening(edges, e0, e1, e2, mask):
+    """0.12 on a tessellation edge to 1 from a pixel's distance on. mask : bit i, edge i is the tessellation's."""
     nearest = 1.0
-    for i in range(3):
-        if mask & (1 << i):
-            e = e0 if i == 0 else (e1 if i == 1 else e2)
-            dx = np.float64(edges[i][0])
-            dy = np.float64(edges[i][1])
-            nearest = min(nearest, abs(np.float64(e)) / (256.0 * np.sqrt(dx * dx + dy * dy)))
-    return nearest
+    if mask & 1:
+        nearest = min(nearest, _edge_distance(edges[0], e0))
+    if mask & 2:
+        nearest = min(nearest, _edge_distance(edges[1], e1))
+    if mask & 4:
+        nearest = min(nearest, _edge_distance(edges[2], e2))
+    return np.float32(0.12 + 0.88 * nearest)
 
 
 @helper
-def interpolate_normal(t, e0, e1, e2, triangles, window, normal):
-    """Unit normal at edge values e0, e1, e2 of triangle t, turned to the viewer; zero where the surface has none."""
-    a, b, c = triangles.vertex[t, 0], triangles.vertex[t, 1], triangles.vertex[t, 2]
-    q0 = np.float64(e0) / np.float64(window.w[a])
-    q1 = np.float64(e1) / np.float64(window.w[b])
-    q2 = np.float64(e2) / np.float64(window.w[c])
-    q = q0 + q1 + q2
-    x = (q0 * normal[0, a] + q1 * normal[0, b] + q2 * normal[0, c]) / q
-    y = (q0 * normal[1, a] + q1 * normal[1, b] + q2 * normal[1, c]) / q
-    z = (q0 * normal[2, a] + q1 * normal[2, b] + q2 * normal[2, c]) / q
-    length = np.sqrt(x * x + y * y + z * z)
-    if not (length > 0.0 and length < np.inf):
-        return 0.0, 0.0, 0.0
-    if triangles.edges[t] & BACK_FACE:
-        length = -length
-    return x / length, y / length, z / length
+def _to_bytes(s, row, n):
+    """A row of 0 .. 1 as 0.5 .. 255.5: the integer part is the byte."""
+    for k in range(n):
+        s[row + k] = min(max(s[row + k], ZERO), ONE) * BYTE + HALF
 
 
 @helper
-def shade(t, edges, e0, e1, e2, triangles, window, normal, shading, light):
-    """Colour of triangle t at the pixel centre where its edge functions are e0, e1, e2: three bytes.
+def _unit_normals(s, n):
+    for k in range(n):
+        x, y, z = s[NX + k], s[NY + k], s[NZ + k]
+        length = np.sqrt((x * x + y * y) + z * z)
+        scale = ONE / length if length > ZERO else ZERO
+        s[NX + k], s[NY + k], s[NZ + k] = x * scale, y * scale, z * scale
 
-    edges : its edge functions as the rasterizer makes them, each beginning (dx, dy). light : unit vector to the light.
-    Linear light is stored as its square root (a gamma of 2, which needs no transcendental function).
+
+@helper
+def _show_normals(s, n):
+    for k in range(n):
+        s[RED + k] = HALF + HALF * s[NX + k]
+        s[GREEN + k] = HALF + HALF * s[NY + k]
+        s[BLUE + k] = HALF + HALF * s[NZ + k]
+
+
+@helper
+def _light(light, s, n):
+    """Lambert, wrapped half way around and squared so that shadow sides keep their form; stored as the square root of
+    linear light (a gamma of 2, which needs no transcendental function)."""
+    lx, ly, lz = np.float32(light[0]), np.float32(light[1]), np.float32(light[2])
+    for k in range(n):
+        wrapped = HALF + HALF * ((s[NX + k] * lx + s[NY + k] * ly) + s[NZ + k] * lz)
+        lit = wrapped * wrapped
+        s[RED + k] = np.sqrt(s[RED + k] * (AMBIENT[0] + (ONE - AMBIENT[0]) * lit))
+        s[GREEN + k] = np.sqrt(s[GREEN + k] * (AMBIENT[1] + (ONE - AMBIENT[1]) * lit))
+        s[BLUE + k] = np.sqrt(s[BLUE + k] * (AMBIENT[2] + (ONE - AMBIENT[2]) * lit))
+
+
+@helper
+def shade_fragments(n, shading, light, s):
+    """Shade the n fragments of scratch s, in place.
+
+    In: rows NX, NY, NZ, the interpolated normal (any length, turned to the viewer; zero where there is none), and RED,
+    GREEN, BLUE, the surface's colour, 0 .. 1. Out: RED, GREEN, BLUE, 0.5 .. 255.5. light : unit vector to the light.
     """
-    nx, ny, nz = interpolate_normal(t, e0, e1, e2, triangles, window, normal)
+    _unit_normals(s, n)
     if shading == NORMAL:
-        return _to_byte(0.5 + 0.5 * nx), _to_byte(0.5 + 0.5 * ny), _to_byte(0.5 + 0.5 * nz)
-    lit = _lit(nx, ny, nz, light)
-    r, g, b = 0.82, 0.78, 0.71
-    if shading == PATCH:
-        r, g, b = _patch_color(triangles.patch[t])
-    elif shading == WIREFRAME:
-        lit *= 0.12 + 0.88 * _line_distance(edges, e0, e1, e2, triangles.edges[t])
-    return _to_byte(np.sqrt(r * lit)), _to_byte(np.sqrt(g * lit)), _to_byte(np.sqrt(b * lit))
+        _show_normals(s, n)
+    else:
+        _light(light, s, n)
+    _to_bytes(s, RED, n)
+    _to_bytes(s, GREEN, n)
+    _to_bytes(s, BLUE, n)

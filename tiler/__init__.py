@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from tiler.scene import Scene as Scene
     from tiler.scene import load_scene as load_scene
     from tiler.scene import scene_names as scene_names
-    from tiler.simulate import simulate as simulate
+    from tiler.simulation import simulate as simulate
 
 __version__ = "0.1.0"
 
@@ -23,7 +23,7 @@ _HOME = {
     "TilerError": "tiler.errors",
     "load_scene": "tiler.scene",
     "scene_names": "tiler.scene",
-    "simulate": "tiler.simulate",
+    "simulate": "tiler.simulation",
 }
 
 __all__ = ["Frame", "Machine", "Scene", "TilerError", "__version__", "load_scene", "scene_names", "simulate"]

@@ -14,7 +14,7 @@ box of the corners in front and the crossing points). Where no positive w is cer
 import numpy as np
 
 from pipeline.jit import helper
-from pipeline.types import PatchBounds, Viewport
+from pipeline.types import PatchBounds
 
 U = 2.0**-24
 SLACK = 6.0 * U

@@ -1,0 +1,5 @@
+"""`python -m tiler` is the command `tiler`."""
+
+from tiler.cli import main
+
+main()

@@ -1,0 +1,154 @@
+"""The front end: launches the pipeline's stages over the patches of a scene, chunk by chunk on the host's threads."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline import domain, hull, primitives, vertex
+from pipeline.displacement import pack_maps
+from pipeline.primitives import NUM_OUTCOMES
+from pipeline.types import (
+    I32,
+    I64,
+    U8,
+    Address,
+    CullFlag,
+    DisplacementMaps,
+    DomainPoints,
+    FaceCull,
+    Patches,
+    Patterns,
+    TessFactors,
+    Triangles,
+    Viewport,
+    Window,
+)
+from tiler.host import Host
+from tiler.rasterizer import MARGIN
+from tiler.scene.camera import Camera
+from tiler.scene.model import Scene, Tessellation
+
+BATCH_POINTS = 1 << 21  # domain points in flight: bounds the memory of a frame's geometry at about 300 MB
+WINDING = "triangle_ccw"  # with u x v pointing to the viewer this is clockwise on the screen: a front face
+FAN_TRIANGLES = primitives.MAX_CORNERS - 2
+
+
+class Geometry(NamedTuple):
+    """Set-up triangles of a batch with their vertices, and what became of the others."""
+
+    points: DomainPoints  # `normal` also has the normals of the clipper's vertices
+    window: Window
+    triangles: Triangles
+    outcomes: I64  # (live, NUM_OUTCOMES)
+
+
+def scene_maps(scene: Scene) -> DisplacementMaps:
+    """The scene's displacement maps, packed."""
+    return pack_maps([(m.texels, Address[m.address.upper()], m.scale, m.bias) for m in scene.maps])
+
+
+def run_vertex_shader(scene: Scene) -> Patches:
+    """World-space patches of the scene."""
+    world = vertex.transform_control_points(scene.control_points, scene.object_id, scene.transforms)
+    return vertex.make_patches(world, scene.texcoords, scene.map_id, scene.object_id)
+
+
+def tess_factors(policy: Tessellation, patches: Patches, camera: Camera, viewport: Viewport, flags: U8) -> TessFactors:
+    """Factors by the scene's policy; those of patches already culled are 0, which the tessellator culls."""
+    if policy.edge_pixels is None:
+        factors = hull.fixed_factors(len(flags), policy.factor)
+    else:
+        factors = hull.screen_factors(
+            patches.control_points, camera.clip_from_world, viewport, camera.near, policy.edge_pixels, policy.max_factor
+        )
+    factors.edge[flags != CullFlag.ALIVE] = 0.0
+    return factors
+
+
+def split_batches(live: I32, patterns: Patterns) -> list[I32]:
+    """Cut the live patches into runs of at most BATCH_POINTS domain points; at least one run, of no patch if need be."""
+    sizes = np.diff(patterns.first_point)[patterns.of_patch[live]]
+    run = np.concatenate([[0], np.cumsum(sizes)[:-1]]) // BATCH_POINTS if len(live) else np.zeros(0, np.int64)
+    return np.split(live, np.flatnonzero(np.diff(run)) + 1)
+
+
+def shade_domain_points(
+    live: I32, patches: Patches, patterns: Patterns, maps: DisplacementMaps, camera: Camera, host: Host
+) -> DomainPoints:
+    """Domain shader: every domain point of the live patches, once."""
+    first = np.zeros(len(live) + 1, np.int64)
+    np.cumsum(np.diff(patterns.first_point)[patterns.of_patch[live]], out=first[1:])
+    points = DomainPoints(first, np.empty((4, first[-1]), np.float32), np.empty((3, first[-1]), np.float32))
+    chunks = host.chunks(len(live))
+
+    def work(c: int) -> None:
+        scratch = np.empty(domain.SCRATCH, np.float32)
+        domain.shade_patches(*chunks[c], live, patches, patterns, maps, camera.clip_from_world, points, scratch)
+
+    host.run(work, len(chunks))
+    return points
+
+
+def set_up_triangles(
+    live: I32, points: DomainPoints, patterns: Patterns, viewport: Viewport, scene: Scene, host: Host
+) -> Geometry:
+    """Primitives: viewport, clip, snap, face cull and set-up of every triangle of the live patches, once."""
+    guard = primitives.guard_band(viewport)
+    num_points = int(points.first[-1])
+    window = _allocate_window(num_points)
+    chunks = host.chunks(num_points)
+    host.run(lambda c: primitives.project_points(*chunks[c], points.clip, viewport, guard, window), len(chunks))
+
+    # Vertices and triangles that the clipper may add, counted before anything is allocated for them.
+    chunks = host.chunks(len(live))
+    cuts = np.zeros(len(live), np.int64)
+    host.run(lambda c: primitives.count_cuts(*chunks[c], live, patterns, points.first, window.code, cuts), len(chunks))
+    first_spare = num_points + np.concatenate([[0], np.cumsum(cuts * primitives.MAX_CORNERS)])
+    if spare := int(first_spare[-1]) - num_points:
+        points = points._replace(normal=np.concatenate([points.normal, np.zeros((3, spare), np.float32)], axis=1))
+        window = Window(*(np.concatenate([a, np.zeros(spare, a.dtype)]) for a in window))
+    room = np.diff(patterns.first_triangle)[patterns.of_patch[live]] + cuts * (FAN_TRIANGLES - 1)
+    triangles = _allocate_triangles(room)
+    outcomes = np.zeros((len(live), NUM_OUTCOMES), np.int64)
+
+    bounds = (
+        viewport.left,
+        viewport.top,
+        viewport.left + viewport.width - 1,
+        viewport.top + viewport.height - 1,
+    )
+    margin, face_cull = MARGIN[scene.picture.samples], int(FaceCull[scene.face_cull.upper()])
+
+    def work(c: int) -> None:
+        scratch = np.empty((2 * primitives.MAX_CORNERS, primitives.POLYGON))
+        primitives.assemble(
+            *chunks[c], live, patterns, points, first_spare, viewport, guard, bounds, margin, face_cull, window, triangles,
+            outcomes, scratch,
+        )  # fmt: skip
+
+    host.run(work, len(chunks))
+    return Geometry(points, window, triangles, outcomes)
+
+
+def _allocate_window(n: int) -> Window:
+    return Window(
+        np.empty(n, np.int32),
+        np.empty(n, np.int32),
+        np.empty(n, np.float32),
+        np.empty(n, np.float32),
+        np.empty(n, np.uint8),
+    )
+
+
+def _allocate_triangles(room: I64) -> Triangles:
+    first = np.zeros(len(room) + 1, np.int64)
+    np.cumsum(room, out=first[1:])
+    n = int(first[-1])
+    return Triangles(
+        first=first,
+        used=np.zeros(len(room), np.int32),
+        vertex=np.empty((n, 3), np.int32),
+        box=np.empty((n, 4), np.int16),
+        edges=np.empty(n, np.uint8),
+        patch=np.empty(n, np.int32),
+    )

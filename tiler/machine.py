@@ -1,0 +1,67 @@
+"""The machine: one frame, stage by stage. `render_frame` is the table of contents of the whole simulator."""
+
+import time
+from collections.abc import Callable
+
+from pipeline import hull
+from pipeline.bounds import BOUNDS
+from pipeline.displacement import map_ranges
+from pipeline.tessellator import make_patterns
+from pipeline.types import Viewport
+from tiler import back_end, front_end
+from tiler.config import Machine
+from tiler.frame import Frame
+from tiler.grid import make_grid
+from tiler.host import Host
+from tiler.scene.camera import camera_at
+from tiler.scene.model import Scene
+from tiler.tally import Tally
+
+
+def render_frame(scene: Scene, machine: Machine, number: float, host: Host, progress: Callable[[float], None]) -> Frame:
+    """One frame; arguments as in `tiler.simulate`, already checked."""
+    start = time.perf_counter()
+    width, height = scene.picture.width, scene.picture.height
+    camera = camera_at(scene.camera, number, width / height)
+    viewport = Viewport(0, 0, width, height, 0.0, 1.0)
+    grid = make_grid(width, height, machine.tile)
+    target = back_end.make_target(scene.picture)
+    maps = front_end.scene_maps(scene)
+    ranges = map_ranges(maps)
+    tally = Tally(scene, machine, grid)
+
+    # Per patch: vertex shader, hull shader, tessellator.
+    patches = front_end.run_vertex_shader(scene)
+    flags = hull.flag_nonfinite(patches, ranges)
+    bounds = BOUNDS[machine.bounds](patches, ranges, camera.clip_from_world, viewport)
+    hull.run_cull_tests(machine.cull, bounds, flags)
+    factors = front_end.tess_factors(scene.tessellation, patches, camera, viewport, flags)
+    patterns = make_patterns(factors, scene.tessellation.partitioning, front_end.WINDING)
+    hull.flag_factors(patterns.of_patch, flags)
+    live = hull.live_patches(flags)
+    tally.count_patches(flags, patterns, live)
+
+    # Per triangle and per tile: domain shader, primitives, binning, tile loop; a batch of patches after the other.
+    batches = front_end.split_batches(live, patterns)
+    for b, batch in enumerate(batches):
+        points = front_end.shade_domain_points(batch, patches, patterns, maps, camera, host)
+        geometry = front_end.set_up_triangles(batch, points, patterns, viewport, scene, host)
+        bins = back_end.bin_batch(batch, geometry, bounds, machine, grid, host)
+        back_end.run_tiles(
+            bins, batch, geometry, scene, machine, grid, target, tally.tiles, b == 0, b == len(batches) - 1, host
+        )
+        tally.count_batch(geometry, bins.queue)
+        progress((b + 1) / len(batches))
+
+    return Frame(
+        scene=scene.name,
+        machine=machine,
+        number=number,
+        color=target.resolved,
+        depth_samples=target.depth,
+        counters=tally.counters(target),
+        queues=tally.queues(),
+        tiles=tally.tile_maps(),
+        cores=tally.core_sums(),
+        seconds=time.perf_counter() - start,
+    )

@@ -1,0 +1,124 @@
+"""Options that several commands share, and how their texts become values."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from tiler.config import Machine
+from tiler.errors import TilerError
+from tiler.scene import Scene, load_scene
+
+Text = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class SceneOptions:
+    """What of the scene file to change."""
+
+    size: Text = None
+    "Width and height of the picture in pixels, such as 1920x1080."
+    samples: int | None = None
+    "Samples a pixel: 1 or 4."
+    shading: Literal["lambert", "normal", "patch", "wireframe", "tile_grid"] | None = None
+    "What the pixel shader shows."
+    factor: Text = None
+    "Tessellation factor, or six: edges u=0, v=0, u=1, v=1, then inside u, v."
+    edge_pixels: float | None = None
+    "Wished length of an edge's segments on the screen in pixels, instead of a fixed factor."
+    partitioning: Literal["integer", "pow2", "fractional_odd", "fractional_even"] | None = None
+    "How factors become segments."
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class MachineOptions:
+    """What of the default machine to change."""
+
+    tile: int | None = None
+    "Side of a tile in pixels, a power of two from 8 to 512."
+    binning: Literal["triangle", "patch"] | None = None
+    "What the front end puts into the tiles' queues."
+    bounds: Text = None
+    "Algorithm that bounds displaced patches."
+    cull: Text = None
+    "Cull tests on whole patches, separated by commas; none for no test."
+    domain_cache: Literal["none", "frame"] | None = None
+    "Whether every tile shades a patch again, or it is shaded once a frame (patch binning)."
+    cores: int | None = None
+    "Simulated cores that the tiles are dealt out to."
+
+
+def open_scene(source: str, options: SceneOptions) -> Scene:
+    """The scene with the options applied."""
+    return load_scene(
+        source,
+        size=None if options.size is None else parse_size(options.size),
+        samples=options.samples,
+        shading=options.shading,
+        factor=None if options.factor is None else parse_factor(options.factor),
+        edge_pixels=options.edge_pixels,
+        partitioning=options.partitioning,
+    )
+
+
+def make_machine(options: MachineOptions, **defaults: object) -> Machine:
+    """The machine of `defaults` with the options applied."""
+    given = {name: value for name, value in vars(options).items() if value is not None}
+    if "cull" in given:
+        given["cull"] = parse_cull(given["cull"])
+    return Machine(**(defaults | given))
+
+
+def parse_machine(text: str, options: MachineOptions) -> Machine:
+    """A machine from text such as `binning=patch,tile=16,cull=frustum`; tests of cull are joined by +."""
+    fields: dict[str, object] = {}
+    for part in text.split(","):
+        key, found, value = part.strip().partition("=")
+        if not found or not key or not value:
+            raise TilerError(
+                f"machine: {text!r} is not allowed; allowed: key=value pairs, such as binning=patch,tile=16"
+            )
+        if key == "cull":
+            fields[key] = parse_cull(value.replace("+", ","))
+        else:
+            fields[key] = int(value) if value.lstrip("-").isdigit() else value
+    return make_machine(options, **fields)
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Width and height from 1920x1080."""
+    width, found, height = text.lower().partition("x")
+    if not (found and width.lstrip("-").isdigit() and height.lstrip("-").isdigit()):
+        raise TilerError(f"size: {text!r} is not allowed; allowed: WIDTHxHEIGHT in pixels, such as 1920x1080")
+    return int(width), int(height)
+
+
+def parse_factor(text: str) -> float | tuple[float, ...]:
+    """One factor or six."""
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) not in (1, 6):
+        raise TilerError(f"factor: {text!r} is not allowed; allowed: one number, or six separated by commas")
+    return values[0] if len(values) == 1 else values
+
+
+def parse_cull(text: str) -> tuple[str, ...]:
+    """Names of cull tests."""
+    return () if text == "none" else tuple(part.strip() for part in text.split(","))
+
+
+def parse_frames(text: str) -> list[int]:
+    """Frame numbers from 0..47 or a list such as 0,12,24."""
+    numbers: list[int] = []
+    for part in text.split(","):
+        first, found, last = part.strip().partition("..")
+        if not (first.isdigit() and (not found or last.isdigit())):
+            raise TilerError(f"frames: {text!r} is not allowed; allowed: FIRST..LAST or numbers separated by commas")
+        numbers.extend(range(int(first), int(last if found else first) + 1))
+    if not numbers or len(set(numbers)) != len(numbers):
+        raise TilerError(f"frames: {text!r} names no frame, or one twice; allowed: FIRST..LAST with FIRST <= LAST")
+    return numbers

@@ -1,0 +1,40 @@
+"""`simulate`: the public door to the machine. Checks what comes in; the machine trusts."""
+
+from collections.abc import Callable
+
+from tiler.config import Machine
+from tiler.errors import TilerError
+from tiler.frame import Frame
+from tiler.host import Host, available_threads
+from tiler.machine import render_frame
+from tiler.memory import check_picture
+from tiler.scene.model import Scene
+
+
+def simulate(
+    scene: Scene,
+    machine: Machine | None = None,
+    *,
+    frame: float = 0,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Frame:
+    """Draw one frame of a scene on a machine, and count what the machine does.
+
+    scene : what `tiler.load_scene` gives. machine : `tiler.Machine()` by default. frame : place on the camera path, in
+    frames. threads : host threads, all by default; they change the time taken and nothing else. progress : called with
+    the part that is done, 0 to 1, some ten times; an exception that it raises ends the simulation.
+
+    Raises TilerError if an argument is not allowed or the picture does not fit into memory.
+    """
+    machine = Machine() if machine is None else machine
+    if not isinstance(scene, Scene):
+        raise TilerError(f"scene: {scene!r} is not allowed; allowed: a Scene, as tiler.load_scene returns it")
+    if not isinstance(machine, Machine):
+        raise TilerError(f"machine: {machine!r} is not allowed; allowed: a tiler.Machine")
+    threads = available_threads() if threads is None else threads
+    if not isinstance(threads, int) or not 1 <= threads <= 1024:
+        raise TilerError(f"threads: {threads!r} is not allowed; allowed: 1 to 1024")
+    check_picture(scene.picture.width, scene.picture.height, scene.picture.samples)
+    with Host(threads) as host:
+        return render_frame(scene, machine, frame, host, progress or (lambda part: None))
