@@ -17,9 +17,18 @@ if TYPE_CHECKING:
 
 # Dark blue to pale yellow in even steps of lightness; readable in grey and by colour-blind readers.
 RAMP = np.array(
-    [(20, 16, 52), (62, 30, 108), (116, 38, 116), (172, 52, 102), (220, 82, 76), (246, 132, 56), (252, 190, 80), (252, 244, 180)],
+    [
+        (20, 16, 52),
+        (62, 30, 108),
+        (116, 38, 116),
+        (172, 52, 102),
+        (220, 82, 76),
+        (246, 132, 56),
+        (252, 190, 80),
+        (252, 244, 180),
+    ],
     np.float64,
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True, repr=False)

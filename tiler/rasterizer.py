@@ -13,6 +13,7 @@ from pipeline.jit import helper
 
 BLOCK_LOG2 = 3  # triangles wider than two blocks are walked by blocks of 8x8 pixels, and blocks outside an edge skipped
 SMALL = 2 << BLOCK_LOG2
+WHOLE_LOG2 = 16  # one block that holds the whole picture
 
 # Standard patterns (19.2.4): offsets of the samples from the pixel centre, 1/256 pixel, x right, y down.
 SAMPLE_X = {1: np.array([0], np.int64), 4: np.array([-2, 6, -6, 2], np.int64) * 16}
@@ -114,6 +115,14 @@ def _reaches(edge, x0, y0, x1, y1, margin):
 
 
 @helper
+def _reaches_all(edges, x0, y0, x1, y1, margin):
+    for edge in edges:
+        if not _reaches(edge, x0, y0, x1, y1, margin):
+            return False
+    return True
+
+
+@helper
 def triangle_edges(window, a, b, c):
     """Edge functions of a clockwise triangle, edge i opposite vertex i, and twice its area (both exact, 1/2^16 px^2)."""
     xa, ya = np.int64(window.x[a]), np.int64(window.y[a])
@@ -144,25 +153,19 @@ def rasterize(t, rect, triangles, window, sample_x, sample_y, margin, depth_rang
     edges, twice_area = triangle_edges(window, a, b, c)
     plane = _depth_plane(triangles, window, t, depth_range)
     area = np.float64(twice_area)
-    if x1 - x0 < SMALL and y1 - y0 < SMALL:
-        if len(sample_x) == 1:
-            return _fill(x0, y0, x1, y1, t, edges, plane, area, depth, visible)
-        return _fill_samples(x0, y0, x1, y1, t, edges, plane, area, sample_x, sample_y, depth, visible)
-    for by in range(y0 >> BLOCK_LOG2, (y1 >> BLOCK_LOG2) + 1):
-        for bx in range(x0 >> BLOCK_LOG2, (x1 >> BLOCK_LOG2) + 1):
-            px0, py0 = max(x0, bx << BLOCK_LOG2), max(y0, by << BLOCK_LOG2)
-            px1, py1 = min(x1, ((bx + 1) << BLOCK_LOG2) - 1), min(y1, ((by + 1) << BLOCK_LOG2) - 1)
-            if (
-                _reaches(edges[0], px0, py0, px1, py1, margin)
-                and _reaches(edges[1], px0, py0, px1, py1, margin)
-                and _reaches(edges[2], px0, py0, px1, py1, margin)
-            ):
+    small = x1 - x0 < SMALL and y1 - y0 < SMALL
+    log2 = WHOLE_LOG2 if small else BLOCK_LOG2
+    for by in range(y0 >> log2, (y1 >> log2) + 1):
+        for bx in range(x0 >> log2, (x1 >> log2) + 1):
+            px0, py0 = max(x0, bx << log2), max(y0, by << log2)
+            px1, py1 = min(x1, ((bx + 1) << log2) - 1), min(y1, ((by + 1) << log2) - 1)
+            if small or _reaches_all(edges, px0, py0, px1, py1, margin):
                 if len(sample_x) == 1:
                     n, m, q = _fill(px0, py0, px1, py1, t, edges, plane, area, depth, visible)
                 else:
                     n, m, q = _fill_samples(
                         px0, py0, px1, py1, t, edges, plane, area, sample_x, sample_y, depth, visible
-                    )
+                    )  # fmt: skip
                 covered += n
                 passed += m
                 pixels += q

@@ -11,8 +11,6 @@ its patch is not drawn, as the machine would not draw it: a bound that is too ti
 from enum import IntEnum
 from typing import NamedTuple
 
-import numpy as np
-
 from pipeline.jit import helper, kernel
 from pipeline.pixel import Shade
 from pipeline.primitives import NUM_OUTCOMES, Outcome
@@ -75,18 +73,6 @@ def _forget_visible(rect, target):
 
 
 @helper
-def _rasterize_one(t, rect, triangles, window, pattern, depth_range, target, counts):
-    sample_x, sample_y, margin = pattern
-    covered, passed, pixels = rasterize(
-        t, rect, triangles, window, sample_x, sample_y, margin, depth_range, target.depth, target.visible
-    )
-    counts[_TRIANGLES] += 1
-    counts[_COVERED] += covered
-    counts[_PASSED] += passed
-    counts[_PS] += pixels
-
-
-@helper
 def _replay_patch(k, tile, work, counts):
     """Count what the machine does for patch k in this tile before rasterization."""
     if work.shading_tile[k] < 0 or work.shading_tile[k] == tile:
@@ -120,31 +106,27 @@ def _draw_grid(rect, target):
 
 
 @helper
-def _draw_triangles(tile, rect, queue, triangles, window, pattern, depth_range, target, counts):
-    """`triangle` binning: the tile's queue in order."""
-    for q in range(queue.first[tile], queue.first[tile + 1]):
-        counts[_ENTRIES] += 1
-        _rasterize_one(queue.item[q], rect, triangles, window, pattern, depth_range, target, counts)
-
-
-@helper
-def _draw_patches(
-    tile, rect, queue, triangle_queue, live, work, triangles, window, pattern, depth_range, target, counts
+def _rasterize_queue(
+    tile, rect, by_patch, queue, triangle_queue, live, triangles, window, pattern, depth_range, target, counts
 ):  # fmt: skip
-    """`patch` binning: the tile's patches in order, and of each the triangles that touch the tile."""
-    next_triangle, end = triangle_queue.first[tile], triangle_queue.first[tile + 1]
-    for q in range(queue.first[tile], queue.first[tile + 1]):
-        k = queue.item[q]
-        counts[_ENTRIES] += 1
-        _replay_patch(k, tile, work, counts)
-        outside = triangles.used[k]
-        while next_triangle < end and triangles.patch[triangle_queue.item[next_triangle]] <= live[k]:
-            t = triangle_queue.item[next_triangle]
-            next_triangle += 1
-            if triangles.patch[t] == live[k]:
-                outside -= 1
-                _rasterize_one(t, rect, triangles, window, pattern, depth_range, target, counts)
-        counts[_OUTSIDE] += outside
+    """Rasterize the tile's triangles in submit order; in `patch` binning only those whose patch is queued here."""
+    sample_x, sample_y, margin = pattern
+    next_patch, end_patch = queue.first[tile], queue.first[tile + 1]
+    for q in range(triangle_queue.first[tile], triangle_queue.first[tile + 1]):
+        t = triangle_queue.item[q]
+        if by_patch:
+            patch = triangles.patch[t]
+            while next_patch < end_patch and live[queue.item[next_patch]] < patch:
+                next_patch += 1
+            if next_patch == end_patch or live[queue.item[next_patch]] != patch:
+                continue
+        covered, passed, pixels = rasterize(
+            t, rect, triangles, window, sample_x, sample_y, margin, depth_range, target.depth, target.visible
+        )
+        counts[_TRIANGLES] += 1
+        counts[_COVERED] += covered
+        counts[_PASSED] += passed
+        counts[_PS] += pixels
 
 
 @kernel
@@ -166,12 +148,17 @@ def process_tiles(
         if first_batch:
             _clear(rect, background, target)
         _forget_visible(rect, target)
+        first, end_of_queue = queue.first[tile], queue.first[tile + 1]
+        row, before = counts[tile], counts[tile, _TRIANGLES]
+        row[_ENTRIES] += end_of_queue - first
+        _rasterize_queue(
+            tile, rect, by_patch, queue, triangle_queue, live, triangles, window, pattern, depth_range, target, row
+        )
         if by_patch:
-            _draw_patches(
-                tile, rect, queue, triangle_queue, live, work, triangles, window, pattern, depth_range, target, counts[tile]
-            )  # fmt: skip
-        else:
-            _draw_triangles(tile, rect, queue, triangles, window, pattern, depth_range, target, counts[tile])
+            for q in range(first, end_of_queue):
+                _replay_patch(queue.item[q], tile, work, row)
+                row[_OUTSIDE] += triangles.used[queue.item[q]]
+            row[_OUTSIDE] -= row[_TRIANGLES] - before
         shade_tile(rect, triangles, window, normal, shading, light, target, scratch)
         if last_batch:
             if target.depth.shape[2] > 1:

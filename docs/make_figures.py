@@ -1,0 +1,108 @@
+"""Makes every picture, counter table and figure of README.md and docs/ again: `python docs/make_figures.py`.
+
+Pictures go to docs/img. Text goes between the marks `<!-- begin NAME -->` and `<!-- end NAME -->` of the pages. All of it
+is counted, not timed, so it is the same on every machine; tests/test_docs.py checks that the pages are up to date.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+import tiler
+from tiler.comparison import MACHINES, compare
+from tiler.config import Machine
+from tiler.counters import DEFINITIONS
+from tiler.files import write_bytes, write_png
+
+ROOT = Path(__file__).resolve().parent.parent
+SIZE = (640, 360)
+
+README_COUNTERS = (
+    "ia_primitives",
+    "ts_domain_points",
+    "queue_entries",
+    "queue_bytes",
+    "ds_invocations",
+    "c_invocations",
+    "rs_samples_covered",
+    "ps_invocations",
+)
+
+
+def strip(images: list[Image.Image], columns: int) -> Image.Image:
+    """Pictures of one size side by side."""
+    rows = [images[k : k + columns] for k in range(0, len(images), columns)]
+    return Image.fromarray(np.vstack([np.hstack([np.asarray(image.convert("RGB")) for image in row]) for row in rows]))
+
+
+def scenes_picture() -> Image.Image:
+    """The four built-in scenes."""
+    names = ("teapot", "waves", "spikelog", "colonnade")
+    return strip([tiler.simulate(tiler.load_scene(name, size=SIZE, samples=4)).image() for name in names], 2)
+
+
+def shadings_picture() -> Image.Image:
+    """The shadings of the pixel stage."""
+    images = []
+    for shading in ("normal", "patch", "wireframe", "tile_grid"):
+        scene = tiler.load_scene("teapot", size=SIZE, samples=4, shading=shading, factor=8)
+        images.append(tiler.simulate(scene, tiler.Machine(tile=32)).image())
+    return strip(images, 2)
+
+
+def queues_picture() -> Image.Image:
+    """Queue lengths of waves in both binning modes, each with its own scale."""
+    scene = tiler.load_scene("waves", size=SIZE)
+    machines = (tiler.Machine(tile=16, binning="triangle"), tiler.Machine(tile=16))
+    return strip([tiler.simulate(scene, machine).heatmap("queue_entries") for machine in machines], 2)
+
+
+PICTURES: dict[str, Callable[[], Image.Image]] = {
+    "scenes": scenes_picture,
+    "shadings": shadings_picture,
+    "queues": queues_picture,
+}
+
+
+def counters_table() -> str:
+    """README: machines side by side on colonnade."""
+    scene = tiler.load_scene("colonnade", size=(1920, 1080), factor=16)
+    frames = compare(scene, {name: Machine(**fields) for name, fields in MACHINES.items()}).frames
+    lines = ["| counter | " + " | ".join(frames) + " |", "| --- |" + " ---: |" * len(frames)]
+    for name in README_COUNTERS:
+        lines.append(f"| `{name}` | " + " | ".join(f"{frame.counters[name]:,}" for frame in frames.values()) + " |")
+    return "\n".join(lines)
+
+
+def definitions_table() -> str:
+    """docs/counters.md: every counter with its definition."""
+    lines = ["| counter | unit | what it counts | same as |", "| --- | --- | --- | --- |"]
+    lines += [f"| `{name}` | {d.unit} | {d.stage}: {d.text} | {d.same_as} |" for name, d in DEFINITIONS.items()]
+    return "\n".join(lines)
+
+
+TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
+    "counters": (ROOT / "README.md", counters_table),
+    "definitions": (ROOT / "docs" / "counters.md", definitions_table),
+}
+
+
+def replace_block(page: str, name: str, text: str) -> str:
+    """The page with the text between its marks replaced."""
+    begin, end = f"<!-- begin {name} -->\n", f"<!-- end {name} -->"
+    head, rest = page.split(begin)
+    return f"{head}{begin}{text}\n{end}{rest.split(end)[1]}"
+
+
+def main() -> None:
+    """Make all again."""
+    for name, picture in PICTURES.items():
+        write_png(ROOT / "docs" / "img" / f"{name}.png", picture())
+    for name, (path, text) in TEXTS.items():
+        write_bytes(path, replace_block(path.read_text(), name, text()).encode())
+
+
+if __name__ == "__main__":
+    main()
