@@ -18,8 +18,9 @@ from tiler import __version__
 from tiler.config import Machine
 from tiler.files import make_folder, write_json, write_npy, write_png
 from tiler.frame import Frame
+from tiler.host import available_threads
 from tiler.scene.model import Scene
-from tiler.simulation import simulate
+from tiler.simulation import check_request, simulate
 
 
 def frame_key(scene: Scene, machine: Machine, number: float) -> str:
@@ -63,6 +64,8 @@ def render_to_folder(
     One frame gives color.png, depth.npy and counters.json; several give color_0007.png and so on, and one counters.json
     with all their records at the end. progress : called with the number of frames done.
     """
+    threads = available_threads() if threads is None else threads
+    check_request(scene, machine, threads)  # before anything is left in the folder
     make_folder(folder)
     records = []
     for done, number in enumerate(numbers):

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
-from cyclopts import App, Parameter
+from cyclopts import App, CycloptsError, Parameter
 
 from tiler import __version__
 from tiler.errors import TilerError
@@ -24,6 +24,7 @@ from tiler.options import (
 app = App(
     name="tiler",
     version=__version__,
+    suppress_keyboard_interrupt=False,
     help="Simulate a tile-based sort-middle rasterizer with the Direct3D 11 tessellation pipeline.",
 )
 
@@ -212,8 +213,10 @@ def _write_json(value: Any, where: str | None) -> bool:
 def main() -> NoReturn:
     """Entry point of the command."""
     try:
-        app(exit_on_error=False, print_error=True)
+        app(exit_on_error=False)
         sys.exit(0)
+    except CycloptsError:
+        sys.exit(2)  # it has told what is wrong with the options
     except TilerError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)

@@ -28,13 +28,18 @@ def simulate(
     Raises TilerError if an argument is not allowed or the picture does not fit into memory.
     """
     machine = Machine() if machine is None else machine
+    threads = available_threads() if threads is None else threads
+    check_request(scene, machine, threads)
+    with Host(threads) as host:
+        return render_frame(scene, machine, frame, host, progress or (lambda part: None))
+
+
+def check_request(scene: Scene, machine: Machine, threads: int) -> None:
+    """Raise TilerError if a frame cannot be simulated so; nothing large is allocated."""
     if not isinstance(scene, Scene):
         raise TilerError(f"scene: {scene!r} is not allowed; allowed: a Scene, as tiler.load_scene returns it")
     if not isinstance(machine, Machine):
         raise TilerError(f"machine: {machine!r} is not allowed; allowed: a tiler.Machine")
-    threads = available_threads() if threads is None else threads
     if not isinstance(threads, int) or not 1 <= threads <= 1024:
         raise TilerError(f"threads: {threads!r} is not allowed; allowed: 1 to 1024")
     check_picture(scene.picture.width, scene.picture.height, scene.picture.samples)
-    with Host(threads) as host:
-        return render_frame(scene, machine, frame, host, progress or (lambda part: None))

@@ -56,7 +56,9 @@ def main():
     drive(*arguments)
     compiling = time.perf_counter() - start
     same = np.array_equal(target.clip, points.clip)
-    print(f"threads over the kernel : {host_ms:.1f} ms, {overhead:.0f} us to hand out 16 chunks, nothing more to compile")
+    print(
+        f"threads over the kernel : {host_ms:.1f} ms, {overhead:.0f} us to hand out 16 chunks, nothing more to compile"
+    )
     print(f"parallel loop over it   : {best_of(lambda: drive(*arguments)) * 1e3:.1f} ms, {compiling:.1f} s to compile")
     print(f"same bits: {same}; functions compiled for the loop: {announcer.compiled - before}")
 

@@ -1,0 +1,44 @@
+"""The pages say what the code does: tables and pictures are made again and compared, links lead somewhere."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from docs import make_figures
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+@pytest.mark.parametrize("name", make_figures.TEXTS)
+def test_generated_text_is_up_to_date(name: str) -> None:
+    path, text = make_figures.TEXTS[name]
+    page = path.read_text()
+    assert make_figures.replace_block(page, name, text()) == page, "run python docs/make_figures.py"
+
+
+@pytest.mark.parametrize("name", make_figures.PICTURES)
+def test_pictures_are_up_to_date(name: str) -> None:
+    kept = np.asarray(Image.open(ROOT / "docs" / "img" / f"{name}.png").convert("RGB"))
+    made = np.asarray(make_figures.PICTURES[name]().convert("RGB"))
+    assert np.array_equal(kept, made), "run python docs/make_figures.py, and look at the picture"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_local_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
+        assert (page.parent / target).exists(), f"{page.name} links to {target}"
+    for name in re.findall(r"`((?:pipeline|tiler|tests|docs|scenes)/[\w./-]+)`", page.read_text()):
+        assert (ROOT / name).exists(), f"{page.name} names {name}"
+
+
+def test_readme_runs_the_test_command_that_ci_runs() -> None:
+    commands = re.findall(r"```\n(.*?)\n```", (ROOT / "README.md").read_text(), re.S)
+    install, test = commands[0], commands[1]
+    ci = (ROOT / ".ci" / "run").read_text()
+    assert "pip install -e '.[dev]'" in install
+    assert re.search(r"pip install .*-e '\.\[dev\]'", ci)
+    assert f"\n{test}\n" in ci
