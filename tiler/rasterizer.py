@@ -116,10 +116,11 @@ def _reaches(edge, x0, y0, x1, y1, margin):
 
 @helper
 def _reaches_all(edges, x0, y0, x1, y1, margin):
-    for edge in edges:
-        if not _reaches(edge, x0, y0, x1, y1, margin):
-            return False
-    return True
+    return (
+        _reaches(edges[0], x0, y0, x1, y1, margin)
+        and _reaches(edges[1], x0, y0, x1, y1, margin)
+        and _reaches(edges[2], x0, y0, x1, y1, margin)
+    )
 
 
 @helper
