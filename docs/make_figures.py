@@ -4,17 +4,22 @@ Pictures go to docs/img. Text goes between the marks `<!-- begin NAME -->` and `
 is counted, not timed, so it is the same on every machine; tests/test_docs.py checks that the pages are up to date.
 """
 
+import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 from PIL import Image
+from pydantic import BaseModel
 
 import tiler
 from tiler.comparison import MACHINES, compare
 from tiler.config import Machine
 from tiler.counters import DEFINITIONS
 from tiler.files import write_bytes, write_png
+from tiler.scene import schema
+from tiler.scene.builders import BUILDERS
 
 ROOT = Path(__file__).resolve().parent.parent
 SIZE = (640, 360)
@@ -83,8 +88,53 @@ def definitions_table() -> str:
     return "\n".join(lines)
 
 
+def keys_table(model: type[BaseModel], prefix: str) -> list[str]:
+    """Rows of a table of keys: name, what is allowed, default."""
+    rows = []
+    for name, field in model.model_fields.items():
+        allowed = field.description or _choices(field.annotation)
+        if field.is_required():
+            default = "required"
+        elif isinstance(field.default, BaseModel):
+            default = ""
+        else:
+            default = "" if field.default is None else f"`{json.dumps(field.default)}`"
+        rows.append(f"| `{prefix}{name}` | {allowed} | {default} |")
+    return rows
+
+
+def _choices(annotation: object) -> str:
+    choices = (True, False) if annotation is bool else get_args(annotation)
+    return "one of " + ", ".join(f"`{json.dumps(choice)}`" for choice in choices)
+
+
+HEAD = ["| key | allowed | default |", "| --- | --- | --- |"]
+
+
+def scene_keys_table() -> str:
+    """docs/scenes.md: the keys of a scene file."""
+    tables = {
+        "": schema.SceneFile,
+        "picture.": schema.PictureFile,
+        "tessellation.": schema.TessellationFile,
+        "camera.": schema.CameraFile,
+        "camera.key.": schema.KeyFile,
+        "object.": schema.ObjectFile,
+        "object.displacement.": schema.DisplacementFile,
+    }
+    return "\n".join(HEAD + [row for prefix, model in tables.items() for row in keys_table(model, prefix)])
+
+
+def builders_table() -> str:
+    """docs/scenes.md: the parameters of the builders."""
+    rows = [row for name, builder in BUILDERS.items() for row in keys_table(builder.parameters, f"{name}: ")]
+    return "\n".join(HEAD + rows)
+
+
 TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
     "counters": (ROOT / "README.md", counters_table),
+    "scene keys": (ROOT / "docs" / "scenes.md", scene_keys_table),
+    "builders": (ROOT / "docs" / "scenes.md", builders_table),
     "definitions": (ROOT / "docs" / "counters.md", definitions_table),
 }
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import tiler
 from docs import make_figures
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -33,6 +34,22 @@ def test_local_links_lead_somewhere(page: Path) -> None:
         assert (page.parent / target).exists(), f"{page.name} links to {target}"
     for name in re.findall(r"`((?:pipeline|tiler|tests|docs|scenes)/[\w./-]+)`", page.read_text()):
         assert (ROOT / name).exists(), f"{page.name} names {name}"
+
+
+def test_the_scene_file_in_the_docs_draws(tmp_path: Path) -> None:
+    (text,) = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "scenes.md").read_text(), re.S)
+    file = tmp_path / "sea.toml"
+    file.write_text(text)
+    frame = tiler.simulate(tiler.load_scene(file, size=(96, 64)))
+    assert frame.counters["ia_primitives"] == 4
+    assert frame.counters["om_samples_visible"] > 1000
+
+
+def test_the_python_in_the_readme_runs() -> None:
+    code = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
+    code[0] = code[0].replace("(1920, 1080), factor=16", "(96, 64), factor=4").replace('.save("queue.png")', ".size")
+    for block in code:
+        exec(block, {})
 
 
 def test_readme_runs_the_test_command_that_ci_runs() -> None:
