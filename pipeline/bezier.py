@@ -77,18 +77,6 @@ def differences_v(p):
 
 
 @helper
-def left_u(p):
-    """The sub-net without its last control points along u."""
-    return p[0][:3], p[1][:3], p[2][:3], p[3][:3]
-
-
-@helper
-def left_v(p):
-    """The sub-net without its last control points along v."""
-    return p[0], p[1], p[2]
-
-
-@helper
 def eval_44(p, bu, bv):
     """Value of a 4 x 4 net: along u first, then along v."""
     return sum4(bv, (sum4(bu, p[0]), sum4(bu, p[1]), sum4(bu, p[2]), sum4(bu, p[3])))

@@ -45,7 +45,7 @@ def map_ranges(maps: DisplacementMaps) -> F64:
         lo, hi = float(texels.min()), float(texels.max())
         scale, bias = float(maps.scale[m]), float(maps.bias[m])
         ends = (scale * lo + bias, scale * hi + bias)
-        pad = 2.0**-24 * (10.0 * abs(scale) * max(abs(lo), abs(hi)) + 2.0 * abs(bias)) + 2.0**-140
+        pad = 2.0**-24 * (10.0 * abs(scale) * max(abs(lo), abs(hi)) + 2.0 * abs(bias)) + 2.0**-140 * (1.0 + abs(scale))
         ranges[m] = min(ends) - pad, max(ends) + pad
         if not np.isfinite(lo + hi):
             ranges[m] = np.nan

@@ -6,8 +6,8 @@ roundings, and the slow twin repeats it):
 - position: sum over i (along u) for each row j, then over j, by `bezier.sum4`;
 - tangents from *differences* of control points, so that they keep their relative accuracy next to collapsed edges; the
   constant factor 3 is left out where only directions are used;
-- rational patches: X = (wx, wy, wz), w are interpolated and divided; a tangent is (w_L dX - dw X_L) / w^2, where L is the
-  sub-net without the last control point and d the difference of the two sub-nets;
+- rational patches: X = (wx, wy, wz) and w are interpolated and divided; a tangent is (dX - dw x) / w, where x is the point
+  and d the interpolated differences. So both sides of a shared edge agree here too;
 - unit normal n of du x dv; where that vanishes (collapsed edges) the normal of a point moved 2^-9 of the way to the
   patch's middle, which is the limit to that accuracy; zero if that vanishes too;
 - displaced position d = p + t n, then each clip component ((m0 x + m1 y) + m2 z) + m3;
@@ -30,8 +30,6 @@ from pipeline.bezier import (
     eval_34,
     eval_43,
     eval_44,
-    left_u,
-    left_v,
     net,
     quadratic,
 )
@@ -63,17 +61,15 @@ def _polynomial_pass(p, u, v, value, du, dv):
 
 
 @helper
-def _rational_u(p, w, qu, bv):
-    """One coordinate of the direction of a rational patch's tangent along u; p, w: its net and that of the weights."""
-    step, weight_step = eval_34(differences_u(p), qu, bv), eval_34(differences_u(w), qu, bv)
-    return eval_34(left_u(w), qu, bv) * step - weight_step * eval_34(left_u(p), qu, bv)
+def _rational_u(p, w, value, qu, bv):
+    """One coordinate of a rational patch's tangent along u, times w / 3; p, w: its net and the weights', value: the point."""
+    return eval_34(differences_u(p), qu, bv) - eval_34(differences_u(w), qu, bv) * value
 
 
 @helper
-def _rational_v(p, w, bu, qv):
+def _rational_v(p, w, value, bu, qv):
     """As `_rational_u`, along v."""
-    step, weight_step = eval_43(differences_v(p), bu, qv), eval_43(differences_v(w), bu, qv)
-    return eval_43(left_v(w), bu, qv) * step - weight_step * eval_43(left_v(p), bu, qv)
+    return eval_43(differences_v(p), bu, qv) - eval_43(differences_v(w), bu, qv) * value
 
 
 @helper
@@ -83,11 +79,11 @@ def _rational_pass(p, w, u, v, value, du, dv):
         bu, bv = cubic(u[k], ONE), cubic(v[k], ONE)
         value[k] = eval_44(p, bu, bv) / eval_44(w, bu, bv)
     for k in range(len(u)):
-        weight = eval_44(w, cubic(u[k], ONE), cubic(v[k], ONE))
-        du[k] = _rational_u(p, w, quadratic(u[k], ONE), cubic(v[k], ONE)) / (weight * weight)
+        bu, bv = cubic(u[k], ONE), cubic(v[k], ONE)
+        du[k] = _rational_u(p, w, value[k], quadratic(u[k], ONE), bv) / eval_44(w, bu, bv)
     for k in range(len(u)):
-        weight = eval_44(w, cubic(u[k], ONE), cubic(v[k], ONE))
-        dv[k] = _rational_v(p, w, cubic(u[k], ONE), quadratic(v[k], ONE)) / (weight * weight)
+        bu, bv = cubic(u[k], ONE), cubic(v[k], ONE)
+        dv[k] = _rational_v(p, w, value[k], bu, quadratic(v[k], ONE)) / eval_44(w, bu, bv)
 
 
 @helper
@@ -130,9 +126,11 @@ def _normal_at(cp, rational, u, v):
     qu, qv = quadratic(u, 1.0), quadratic(v, 1.0)
     x, y, z, w = net(cp, 0), net(cp, 1), net(cp, 2), net(cp, 3)
     if rational:
-        ax, bx = _rational_u(x, w, qu, bv), _rational_v(x, w, bu, qv)
-        ay, by = _rational_u(y, w, qu, bv), _rational_v(y, w, bu, qv)
-        az, bz = _rational_u(z, w, qu, bv), _rational_v(z, w, bu, qv)
+        weight = eval_44(w, bu, bv)
+        px, py, pz = eval_44(x, bu, bv) / weight, eval_44(y, bu, bv) / weight, eval_44(z, bu, bv) / weight
+        ax, bx = _rational_u(x, w, px, qu, bv), _rational_v(x, w, px, bu, qv)
+        ay, by = _rational_u(y, w, py, qu, bv), _rational_v(y, w, py, bu, qv)
+        az, bz = _rational_u(z, w, pz, qu, bv), _rational_v(z, w, pz, bu, qv)
     else:
         ax, bx = eval_34(differences_u(x), qu, bv), eval_43(differences_v(x), bu, qv)
         ay, by = eval_34(differences_u(y), qu, bv), eval_43(differences_v(y), bu, qv)

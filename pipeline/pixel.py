@@ -37,17 +37,17 @@ AMBIENT = (np.float32(0.03), np.float32(0.045), np.float32(0.075))  # bluish: sh
 
 
 @helper
+def _light_shade(byte):
+    return np.float32(0.35 + 0.65 / 255.0 * np.float64(byte))
+
+
+@helper
 def patch_color(patch):
     """A light colour, different for neighbouring patch numbers: three bytes of an integer hash."""
-    h = (np.uint32(patch) + np.uint32(1)) * np.uint32(2654435761)
-    h ^= h >> np.uint32(15)
-    h *= np.uint32(2246822519)
-    h ^= h >> np.uint32(13)
-    return (
-        np.float32(0.35 + 0.65 / 255.0 * np.float64(h & np.uint32(255))),
-        np.float32(0.35 + 0.65 / 255.0 * np.float64((h >> np.uint32(8)) & np.uint32(255))),
-        np.float32(0.35 + 0.65 / 255.0 * np.float64((h >> np.uint32(16)) & np.uint32(255))),
-    )
+    h = ((np.int64(patch) + 1) * 0x9E3779B1) & 0xFFFFFFFF
+    h = ((h ^ (h >> 15)) * 0x45D9F3B) & 0xFFFFFFFF
+    h ^= h >> 13
+    return _light_shade(h & 255), _light_shade((h >> 8) & 255), _light_shade((h >> 16) & 255)
 
 
 @helper

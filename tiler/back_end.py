@@ -48,7 +48,7 @@ def _patch_work(queues: TileQueues, geometry: Geometry, machine: Machine) -> Pat
     """What each patch of the batch costs a tile that has it queued."""
     domain_points = np.diff(geometry.points.first)
     shading_tile = np.full(len(domain_points), -1, np.int64)
-    if machine.domain_cache == "frame":
+    if machine.binning == "patch" and machine.domain_cache == "frame":
         # Walk the queues as the machine does, tiles in scanline order: the first tile that has a patch shades it.
         tile_of_entry = np.repeat(np.arange(len(queues.first) - 1), np.diff(queues.first))
         patches, where = np.unique(queues.item, return_index=True)

@@ -51,8 +51,10 @@ class Host:
             while (c := next(numbers)) < n:  # next() on a C iterator is atomic
                 work(c)
 
-        futures = [self._pool.submit(worker) for _ in range(min(self.threads, n))]
+        futures = []
         try:
+            for _ in range(min(self.threads, n)):
+                futures.append(self._pool.submit(worker))
             wait(futures, return_when=FIRST_EXCEPTION)
         finally:
             for _ in range(n):

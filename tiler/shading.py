@@ -26,7 +26,8 @@ def _gather_row(y, x0, x1, triangles, window, normal, shading, target, s):
     """Interpolate the attributes of every fragment of row y into scratch s; their number."""
     n = 0
     last = np.int32(-1)
-    edges = triangle_edges(window, 0, 0, 0)[0]
+    none = (np.int64(0), np.int64(0), np.int64(0), np.int64(0))
+    edges = (none, none, none)
     a = b = c = (0.0, 0.0, 0.0, 0.0)
     red, green, blue = pixel.CLAY
     for x in range(x0, x1 + 1):

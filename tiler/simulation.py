@@ -1,6 +1,8 @@
 """`simulate`: the public door to the machine. Checks what comes in; the machine trusts."""
 
+import math
 from collections.abc import Callable
+from numbers import Real
 
 from tiler.config import Machine
 from tiler.errors import TilerError
@@ -29,12 +31,12 @@ def simulate(
     """
     machine = Machine() if machine is None else machine
     threads = available_threads() if threads is None else threads
-    check_request(scene, machine, threads)
+    check_request(scene, machine, threads, frame)
     with Host(threads) as host:
         return render_frame(scene, machine, frame, host, progress or (lambda part: None))
 
 
-def check_request(scene: Scene, machine: Machine, threads: int) -> None:
+def check_request(scene: Scene, machine: Machine, threads: int, frame: float = 0) -> None:
     """Raise TilerError if a frame cannot be simulated so; nothing large is allocated."""
     if not isinstance(scene, Scene):
         raise TilerError(f"scene: {scene!r} is not allowed; allowed: a Scene, as tiler.load_scene returns it")
@@ -42,4 +44,6 @@ def check_request(scene: Scene, machine: Machine, threads: int) -> None:
         raise TilerError(f"machine: {machine!r} is not allowed; allowed: a tiler.Machine")
     if not isinstance(threads, int) or not 1 <= threads <= 1024:
         raise TilerError(f"threads: {threads!r} is not allowed; allowed: 1 to 1024")
+    if not isinstance(frame, Real) or not math.isfinite(frame):
+        raise TilerError(f"frame: {frame!r} is not allowed; allowed: a finite number")
     check_picture(scene.picture.width, scene.picture.height, scene.picture.samples)

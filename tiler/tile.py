@@ -11,6 +11,8 @@ its patch is not drawn, as the machine would not draw it: a bound that is too ti
 from enum import IntEnum
 from typing import NamedTuple
 
+import numpy as np
+
 from pipeline.jit import helper, kernel
 from pipeline.pixel import Shade
 from pipeline.primitives import NUM_OUTCOMES, Outcome
@@ -90,7 +92,7 @@ def _resolve(rect, target):
             for c in range(4):
                 total = samples >> 1
                 for s in range(samples):
-                    total += target.color[y, x, s, c]
+                    total += np.int64(target.color[y, x, s, c])
                 target.resolved[y, x, c] = total // samples
 
 
@@ -100,9 +102,9 @@ def _draw_grid(rect, target):
     for y in range(rect[1], rect[3] + 1):
         for x in range(rect[0], rect[2] + 1):
             if y == rect[1] or x == rect[0]:
-                target.resolved[y, x, 0] = (target.resolved[y, x, 0] + 255) >> 1
-                target.resolved[y, x, 1] = (target.resolved[y, x, 1] + 150) >> 1
-                target.resolved[y, x, 2] = (target.resolved[y, x, 2] + 40) >> 1
+                target.resolved[y, x, 0] = (np.int64(target.resolved[y, x, 0]) + 255) >> 1
+                target.resolved[y, x, 1] = (np.int64(target.resolved[y, x, 1]) + 150) >> 1
+                target.resolved[y, x, 2] = (np.int64(target.resolved[y, x, 2]) + 40) >> 1
 
 
 @helper

@@ -26,17 +26,20 @@ def control_box(cp, rational):
     lo0 = lo1 = lo2 = np.inf
     hi0 = hi1 = hi2 = -np.inf
     factor = 26.0 * U if rational else 13.0 * U
+    least_w = 1.0
     for i in range(4):
         for j in range(4):
             w = np.float64(cp[i, j, 3])
             if not w > 0.0:
                 factor = np.nan
+            least_w = min(least_w, w)
             x, y, z = cp[i, j, 0] / w, cp[i, j, 1] / w, cp[i, j, 2] / w
             lo0, lo1, lo2 = min(lo0, x), min(lo1, y), min(lo2, z)
             hi0, hi1, hi2 = max(hi0, x), max(hi1, y), max(hi2, z)
-    pad0 = factor * max(abs(lo0), abs(hi0)) + UNDERFLOW
-    pad1 = factor * max(abs(lo1), abs(hi1)) + UNDERFLOW
-    pad2 = factor * max(abs(lo2), abs(hi2)) + UNDERFLOW
+    tiny = UNDERFLOW / least_w  # what denormal products lose, after the division
+    pad0 = (factor + tiny) * max(abs(lo0), abs(hi0)) + tiny
+    pad1 = (factor + tiny) * max(abs(lo1), abs(hi1)) + tiny
+    pad2 = (factor + tiny) * max(abs(lo2), abs(hi2)) + tiny
     return lo0 - pad0, lo1 - pad1, lo2 - pad2, hi0 + pad0, hi1 + pad1, hi2 + pad2
 
 

@@ -1,0 +1,196 @@
+"""The cache of compiled kernels: notices an edit anywhere below a kernel, compiles nothing without one, survives a folder
+that cannot be written, and says once why the first run takes longer."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pipeline import jit
+
+ANNOUNCEMENT = "compiling kernels"
+
+# A package of three modules, named like one of ours: kernels in `stage`, a helper in `arithmetic`, a number in `numbers_of`.
+STAGE = """
+from pipeline.arithmetic import add
+from pipeline.jit import kernel
+
+@kernel
+def total(n):
+    result = 0
+    for i in range(n):
+        result = add(result, i)
+    return result
+
+@kernel
+def double(n):
+    return add(n, n)
+"""
+ARITHMETIC = """
+from . import numbers_of
+from pipeline.jit import helper
+
+STEP = numbers_of.STEP
+
+@helper
+def add(a, b):
+    return a + b * STEP
+"""
+NUMBERS_OF = "STEP = 1\n"
+MAIN = "from pipeline.stage import total, double; print(total(5), double(3))"
+
+
+class Package:
+    """A package on disk, and fresh processes that use it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.root = folder / "source"
+        self.temporary = folder / "temporary"
+        self.cache = folder / "cache"
+        self.temporary.mkdir()
+        (self.root / "pipeline").mkdir(parents=True)
+        shutil.copy(jit.__file__, self.root / "pipeline" / "jit.py")
+        for name, text in (("__init__", ""), ("stage", STAGE), ("arithmetic", ARITHMETIC), ("numbers_of", NUMBERS_OF)):
+            self.write(name, text)
+
+    def write(self, module: str, text: str) -> None:
+        (self.root / "pipeline" / f"{module}.py").write_text(text)
+
+    def run(self, **environment: str) -> tuple[str, str]:
+        """What a fresh process prints, and what it says on standard error."""
+        kept = {k: v for k, v in os.environ.items() if not k.startswith(("TILER_", "NUMBA_", "XDG_"))}
+        done = subprocess.run(
+            [sys.executable, "-c", MAIN],
+            env=kept | {
+                "PYTHONPATH": str(self.root), "TMPDIR": str(self.temporary), "TILER_CACHE_DIR": str(self.cache),
+                "PYTHONDONTWRITEBYTECODE": "1",
+            } | environment,
+            cwd=self.root, capture_output=True, text=True, timeout=60, check=True,
+        )  # fmt: skip
+        return done.stdout.strip(), done.stderr
+
+    def folders(self) -> list[str]:
+        return sorted(folder.name for folder in self.cache.iterdir())
+
+
+@pytest.fixture
+def package(tmp_path) -> Package:
+    return Package(tmp_path)
+
+
+def test_cache_notices_every_edit_and_compiles_nothing_without_one(package):
+    first, said = package.run()
+    assert first == "10 6"
+    assert said.count(ANNOUNCEMENT) == 1, f"two kernels were compiled, one announcement is due: {said!r}"
+    assert "first run" in said
+    folders = package.folders()
+
+    again, said = package.run()
+    assert (again, said) == ("10 6", ""), "compiled again, though nothing changed"
+    assert package.folders() == folders
+
+    # The helper in another file; the file of the kernels stays as it is.
+    package.write("arithmetic", ARITHMETIC.replace("a + b * STEP", "a + 100 * b * STEP"))
+    edited, said = package.run()
+    assert edited == "1000 303", "a stale kernel answered"
+    assert ANNOUNCEMENT in said
+
+    # A constant two imports away, through a relative import.
+    package.write("numbers_of", "STEP = 2\n")
+    edited, said = package.run()
+    assert edited == "2000 603" and ANNOUNCEMENT in said
+
+    # Back to what it was: the old kernels are still there.
+    package.write("arithmetic", ARITHMETIC)
+    package.write("numbers_of", NUMBERS_OF)
+    assert package.run() == ("10 6", "")
+
+
+WAYS_TO_BLOCK = ["a file is in its place"] + ["read-only"] * (os.geteuid() != 0)  # root may write anywhere
+
+
+@pytest.mark.parametrize("blocked", WAYS_TO_BLOCK)
+def test_unwritable_cache_folder_falls_back_to_a_temporary_one(blocked, package, tmp_path):
+    if blocked == "read-only":
+        package.cache.mkdir()
+        package.cache.chmod(0o500)
+    else:
+        package.cache.write_text("not a folder")
+    answer, said = package.run(TILER_QUIET="1")
+    assert (answer, said) == ("10 6", "")
+    assert [folder.name[:14] for folder in package.temporary.iterdir()] == ["tiler-kernels-"]
+
+
+def test_without_a_home_folder_it_still_runs(package):
+    """No TILER_CACHE_DIR, no XDG folder that can be made; and TILER_QUIET silences the announcement."""
+    blocked = package.root / "file"
+    blocked.write_text("")
+    answer, said = package.run(TILER_CACHE_DIR="", XDG_CACHE_HOME=str(blocked), HOME=str(blocked), TILER_QUIET="1")
+    assert (answer, said) == ("10 6", "")
+
+
+# The digest behind it, without compiling.
+
+
+@pytest.fixture
+def sources(tmp_path) -> Path:
+    for name, text in {
+        "pipeline/__init__.py": "", "tiler/__init__.py": "", "tiler/deep/__init__.py": "", "pipeline/used.py": "A = 1\n",
+        "pipeline/unused.py": "B = 1\n", "tiler/deep/inner.py": "from pipeline.used import A\n",
+    }.items():  # fmt: skip
+        file = tmp_path / name
+        file.parent.mkdir(exist_ok=True, parents=True)
+        file.write_text(text)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "where, statement",
+    [
+        ("pipeline/a.py", "from pipeline.used import A"),
+        ("pipeline/a.py", "from pipeline import used"),
+        ("pipeline/a.py", "import pipeline.used"),
+        ("pipeline/a.py", "import pipeline.used as u"),
+        ("pipeline/a.py", "from .used import A"),
+        ("pipeline/a.py", "from . import used"),
+        ("tiler/deep/a.py", "from .inner import A"),
+        ("tiler/deep/a.py", "from tiler.deep import inner"),
+        ("tiler/a.py", "from .deep.inner import A"),
+        ("tiler/a.py", "def f():\n    from pipeline.used import A\n    return A"),
+    ],
+)
+def test_digest_follows_every_kind_of_import(where, statement, sources):
+    file = sources / where
+    file.write_text(statement + "\n")
+    before = jit.source_digest(file, sources)
+    assert jit.source_digest(file, sources) == before and len(before) == 16
+    (sources / "pipeline/unused.py").write_text("B = 2\n")
+    assert jit.source_digest(file, sources) == before, "an edit that cannot matter changed the digest"
+    (sources / "pipeline/used.py").write_text("A = 2\n")
+    after = jit.source_digest(file, sources)
+    assert after != before
+    file.write_text(statement + "  # edited\n")
+    assert jit.source_digest(file, sources) not in (before, after)
+
+
+def test_digest_of_modules_that_import_each_other(sources):
+    one, two = sources / "pipeline/one.py", sources / "pipeline/two.py"
+    one.write_text("from pipeline import two\n")
+    two.write_text("from pipeline import one\n")
+    before = jit.source_digest(one, sources)
+    two.write_text("from pipeline import one  # edited\n")
+    assert jit.source_digest(one, sources) != before
+
+
+def test_old_folders_are_forgotten_and_others_left_alone(tmp_path):
+    old, used, foreign = (tmp_path / name for name in ("0123456789abcdef", "fedcba9876543210", "something else"))
+    for folder in (old, used, foreign):
+        folder.mkdir()
+        (folder / "kernel.nbc").write_text("x")
+    for folder in (old, foreign):
+        os.utime(folder, (0, 0))
+    jit._prune(tmp_path)
+    assert not old.exists() and used.exists() and foreign.exists()

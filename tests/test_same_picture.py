@@ -1,0 +1,169 @@
+"""Rule 1 of the design: how the machine works changes what it counts, never what it draws. Compared bit for bit."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+import tiler
+from tests.scenes import sliced
+from tiler import front_end
+from tiler.config import Machine
+from tiler.frame import Frame
+from tiler.scene.model import Scene
+
+TILES = (8, 16, 32, 64, 128)
+BINNING = (("triangle", "none"), ("patch", "none"), ("patch", "frame"))
+CULL = ((), ("frustum",))
+THREADS = (1, 2)
+SIMPLEST = Machine(tile=8, binning="triangle", cull=(), cores=1)
+
+# What happens at a sample does not depend on the tile that it happens in.
+INVARIANT = ("rs_samples_covered", "om_samples_passed", "om_samples_failed", "om_samples_visible", "ps_invocations")
+
+SCENES = tiler.scene_names()
+VIEWS = ("camera", "sliced")
+
+
+@pytest.fixture
+def view(load, request) -> Scene:
+    name, how, samples = request.param
+    factor = 3 if name == "colonnade" else 5
+    scene = load(name, size=(104, 60), factor=factor, samples=samples)
+    return sliced(scene) if how == "sliced" else scene
+
+
+def on_views(*samples: int) -> pytest.MarkDecorator:
+    cases = [(name, how, s) for name in SCENES for how in VIEWS for s in samples]
+    return pytest.mark.parametrize("view", cases, indirect=True, ids=lambda c: f"{c[0]}-{c[1]}-{c[2]}x")
+
+
+def bits(depth: np.ndarray) -> np.ndarray:
+    return depth.view(np.uint32)
+
+
+def assert_same_picture(frame: Frame, reference: Frame, what: object) -> None:
+    color = (frame.color != reference.color).any(axis=2)
+    assert not color.any(), f"{what}: {color.sum()} pixels differ, first (y, x) {np.argwhere(color)[0]}"
+    depth = (bits(frame.depth_samples) != bits(reference.depth_samples)).any(axis=2)
+    assert not depth.any(), f"{what}: depth of {depth.sum()} pixels differs, first (y, x) {np.argwhere(depth)[0]}"
+    for name in INVARIANT:
+        expected, measured = reference.counters[name], frame.counters[name]
+        assert measured == expected, f"{what}: {name} expected {expected}, measured {measured}, {measured - expected:+}"
+
+
+def assert_same_counters(frame: Frame, reference: Frame, what: object) -> None:
+    assert dict(frame.counters) == dict(reference.counters), what
+    assert np.array_equal(frame.queues.entries, reference.queues.entries), what
+    assert frame.queues.bytes == reference.queues.bytes, what
+    for mine, other in ((frame.tiles, reference.tiles), (frame.cores, reference.cores)):
+        assert mine.keys() == other.keys()
+        for name in mine:
+            assert np.array_equal(mine[name], other[name]), f"{what}: {name} by tile or core"
+
+
+def all_machines() -> list[Machine]:
+    """Every tile size, binning, domain cache and cull set; the number of cores changes along the way."""
+    return [
+        Machine(tile=tile, binning=binning, domain_cache=cache, cull=cull, cores=(1, 3, 4, 64)[i % 4])
+        for i, (tile, (binning, cache), cull) in enumerate(product(TILES, BINNING, CULL))
+    ]
+
+
+@on_views(1, 4)
+def test_any_machine_draws_the_same_picture(view):
+    reference = tiler.simulate(view, SIMPLEST, threads=1)
+    assert reference.counters["om_samples_visible"] > 0, "an empty picture proves nothing"
+    for machine in all_machines():
+        one, two = (tiler.simulate(view, machine, threads=threads) for threads in THREADS)
+        assert_same_picture(one, reference, machine)
+        assert_same_picture(two, reference, (machine, "two threads"))
+        assert_same_counters(two, one, (machine, "two threads"))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_sliced_view_is_what_it_should_be(name, load):
+    """Patches cross the near and the far plane and the sides, and some are outside of each cull test's reach."""
+    frame = tiler.simulate(sliced(load(name, size=(104, 60), factor=3)), Machine(cull=(), binning="triangle"))
+    assert frame.counters["c_cut"] > 0 and frame.counters["c_culled_outside"] > 0
+    assert frame.counters["su_culled_offscreen"] > 0, "nothing crosses the sides"
+
+
+def test_frustum_cull_culls_in_these_tests(load):
+    culled = [
+        tiler.simulate(sliced(load(name, size=(104, 60), factor=3))).counters["hs_culled_frustum"] for name in SCENES
+    ]
+    assert all(culled), dict(zip(SCENES, culled, strict=True))
+
+
+@on_views(1, 4)
+@pytest.mark.parametrize("binning, cache", BINNING)
+def test_batches_change_nothing(view, binning, cache, monkeypatch):
+    machine = Machine(tile=16, binning=binning, domain_cache=cache)
+    whole, parts = [], []
+    reference = tiler.simulate(view, machine, threads=2, progress=whole.append)
+    points = reference.counters["ts_domain_points"]
+    monkeypatch.setattr(front_end, "BATCH_POINTS", max(1, points // 7))
+    frame = tiler.simulate(view, machine, threads=2, progress=parts.append)
+    assert len(whole) == 1 and 6 <= len(parts) <= 8 and parts[-1] == 1.0
+    assert_same_picture(frame, reference, "batches")
+    assert_same_counters(frame, reference, "batches")
+
+
+def test_a_batch_for_every_patch_changes_nothing(load, monkeypatch):
+    scene = load("teapot", size=(104, 60), factor=5, samples=4)
+    reference = tiler.simulate(scene)
+    monkeypatch.setattr(front_end, "BATCH_POINTS", 1)
+    parts = []
+    frame = tiler.simulate(scene, progress=parts.append)
+    assert len(parts) == reference.counters["ts_patches"] == 32
+    assert_same_picture(frame, reference, "a batch for every patch")
+    assert_same_counters(frame, reference, "a batch for every patch")
+
+
+@pytest.mark.parametrize("shading", ["normal", "patch", "wireframe"])
+def test_shading_does_not_depend_on_the_machine(shading, load):
+    """`tile_grid` does, by its purpose: it shows the tiles."""
+    scene = sliced(load("spikelog", size=(104, 60), factor=5, samples=4))
+    scene = replace(scene, picture=replace(scene.picture, shading=shading))
+    reference = tiler.simulate(scene, SIMPLEST, threads=1)
+    for tile, (binning, cache) in product(TILES, BINNING):
+        machine = Machine(tile=tile, binning=binning, domain_cache=cache)
+        assert_same_picture(tiler.simulate(scene, machine, threads=2), reference, machine)
+
+
+@pytest.mark.parametrize("samples", [1, 4])
+def test_of_two_equal_surfaces_the_first_stays(samples, load):
+    """LESS fails on equal depth; so drawing every patch twice changes no pixel and fails twice as often."""
+    scene = load("teapot", size=(104, 60), factor=5, shading="patch", samples=samples)
+    twice = {
+        field: np.concatenate([getattr(scene, field)] * 2)
+        for field in ("control_points", "texcoords", "map_id", "object_id")
+    }
+    for binning, cache in BINNING:
+        machine = Machine(tile=16, binning=binning, domain_cache=cache)
+        once, doubled = tiler.simulate(scene, machine), tiler.simulate(replace(scene, **twice), machine)
+        assert np.array_equal(once.color, doubled.color)
+        assert np.array_equal(bits(once.depth_samples), bits(doubled.depth_samples))
+        assert doubled.counters["rs_samples_covered"] == 2 * once.counters["rs_samples_covered"]
+        assert doubled.counters["om_samples_passed"] == once.counters["om_samples_passed"]
+
+
+def test_a_bound_that_is_too_tight_shows(load, monkeypatch):
+    """The tests above can fail: where a patch's rectangle is cut by a tile, the tile lacks what the patch would draw."""
+    from pipeline.bounds import BOUNDS
+
+    scene = load("teapot", size=(104, 60), factor=5)
+    reference = tiler.simulate(scene, SIMPLEST)
+    bound = BOUNDS["cbox"]
+
+    def too_tight(*arguments):
+        bounds = bound(*arguments)
+        bounds.rect[:, 2] = np.maximum(bounds.rect[:, 2] - 8, bounds.rect[:, 0])
+        return bounds
+
+    monkeypatch.setitem(BOUNDS, "cbox", too_tight)
+    frame = tiler.simulate(scene, Machine(tile=8, binning="patch"))
+    with pytest.raises(AssertionError, match="pixels differ"):
+        assert_same_picture(frame, reference, "too tight")
