@@ -33,7 +33,7 @@ COUNTER_OF = {
     "OFFSCREEN": "su_culled_offscreen", "SETUP": "su_triangles",
 }  # fmt: skip
 COUNTED_BY_TILE = ("queue_entries", "ds_invocations", "su_culled_outside_tile", "rs_triangles", "rs_samples_covered",
-                   "om_samples_passed", "ps_invocations")  # fmt: skip
+                   "om_samples_passed", "ps_invocations", "ps_helper_invocations")  # fmt: skip
 
 
 @dataclass
@@ -76,10 +76,10 @@ class NaiveMachine:
         self.depth = np.ones((p.height, p.width, p.samples), f32)
         self.seen: dict[tuple[int, int, int], int] = {}  # the patch at each sample that has one
 
-    def count(self, name: str) -> None:
-        self.counters[name] += 1
+    def count(self, name: str, number: int = 1) -> None:
+        self.counters[name] += number
         if self.tile is not None and name in self.tiles:
-            self.tiles[name][self.tile] += 1
+            self.tiles[name][self.tile] += number
 
     # Per patch.
 
@@ -225,6 +225,7 @@ class NaiveMachine:
                 covered &= value >= 0 if top_left else value > 0
             inside.append(covered)
             values.append(e)
+        shaded = []
         for j, i in np.argwhere(np.any(inside, axis=0)):
             any_passed = False
             for s, e in enumerate(values):
@@ -235,6 +236,9 @@ class NaiveMachine:
                     any_passed |= passed
             if any_passed:
                 self.count("ps_invocations")
+                shaded.append((rows[j], columns[i]))
+        blocks = {(y // 2, x // 2) for y, x in shaded}
+        self.count("ps_helper_invocations", 4 * len(blocks) - len(shaded))
 
     def depth_test(self, triangle: Triangle, e1: float, e2: float, place: tuple[int, int, int]) -> bool:
         """Depth of the triangle at a sample with edge values e1, e2 (of vertices 1 and 2); LESS, and write."""

@@ -88,6 +88,10 @@ DEFINITIONS: dict[str, Definition] = {
         "in queue order.",
         "D3D11 PSInvocations, Vulkan FRAGMENT_SHADER_INVOCATIONS",
     ),
+    "ps_helper_invocations": Definition(
+        "pixel shader", "pixels", "Pixels that run beside those of `ps_invocations` so that each 2x2 block is whole, for "
+        "derivatives; they write nothing. D3D11 leaves open whether PSInvocations has them; here it has not.",
+    ),
     "om_samples_visible": Definition("output merger", "samples", "Samples that hold a triangle at the end of the frame."),
 }  # fmt: skip
 

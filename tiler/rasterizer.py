@@ -49,14 +49,16 @@ def _depth(plane, area, e1, e2):
 
 @helper
 def _fill(x0, y0, x1, y1, t, edges, plane, area, depth, visible):
-    """Test the centre of pixels x0..x1, y0..y1. Returns samples covered, samples passed, pixels with one passed.
+    """Test the centre of pixels x0..x1, y0..y1.
 
+    Returns samples covered, samples passed, pixels with a sample passed, 2x2 blocks of pixels with such a pixel.
     edges : for each edge (dx, dy, value at the centre of pixel (0, 0) without bias, bias).
     """
     (dx0, dy0, c0, b0), (dx1, dy1, c1, b1), (dx2, dy2, c2, b2) = edges
     step0, step1, step2 = dy0 << 8, dy1 << 8, dy2 << 8
-    covered, passed = 0, 0
+    covered, passed, quads, quads_of_rows = 0, 0, 0, 0
     for y in range(y0, y1 + 1):
+        quads_of_rows = quads_of_rows if y & 1 else 0  # bit k: the k-th block of this pair of rows is counted
         e0 = c0 + b0 + ((dx0 * y - dy0 * x0) << 8)
         e1 = c1 + b1 + ((dx1 * y - dy1 * x0) << 8)
         e2 = c2 + b2 + ((dx2 * y - dy2 * x0) << 8)
@@ -70,20 +72,24 @@ def _fill(x0, y0, x1, y1, t, edges, plane, area, depth, visible):
                     depth[y, x, 0] = z
                     visible[y, x, 0] = t
                     passed += 1
+                    quad = 1 << ((x >> 1) - (x0 >> 1))
+                    quads += (quads_of_rows & quad) == 0
+                    quads_of_rows |= quad
             elif entered:
                 break  # a triangle is convex: the row is done
             e0 -= step0
             e1 -= step1
             e2 -= step2
-    return covered, passed, passed
+    return covered, passed, passed, quads
 
 
 @helper
 def _fill_samples(x0, y0, x1, y1, t, edges, plane, area, sample_x, sample_y, depth, visible):
     """As `_fill`, for every sample of a pattern of several."""
     (dx0, dy0, c0, b0), (dx1, dy1, c1, b1), (dx2, dy2, c2, b2) = edges
-    covered, passed, pixels = 0, 0, 0
+    covered, passed, pixels, quads, quads_of_rows = 0, 0, 0, 0, 0
     for y in range(y0, y1 + 1):
+        quads_of_rows = quads_of_rows if y & 1 else 0
         for x in range(x0, x1 + 1):
             e0 = c0 + ((dx0 * y - dy0 * x) << 8)
             e1 = c1 + ((dx1 * y - dy1 * x) << 8)
@@ -101,8 +107,12 @@ def _fill_samples(x0, y0, x1, y1, t, edges, plane, area, sample_x, sample_y, dep
                         depth[y, x, s] = z
                         visible[y, x, s] = t
                         passed += 1
-            pixels += passed > before
-    return covered, passed, pixels
+            if passed > before:
+                pixels += 1
+                quad = 1 << ((x >> 1) - (x0 >> 1))
+                quads += (quads_of_rows & quad) == 0
+                quads_of_rows |= quad
+    return covered, passed, pixels, quads
 
 
 @helper
@@ -143,13 +153,13 @@ def rasterize(t, rect, triangles, window, sample_x, sample_y, margin, depth_rang
     """Rasterize triangle t inside pixels rect = (x0, y0, x1, y1), inclusive; `depth`, `visible` modified in place.
 
     depth : float32[H, W, S]; visible : int32[H, W, S]. Returns (samples covered, samples that passed the depth test,
-    pixels with a sample that passed).
+    pixels with a sample that passed, aligned 2x2 blocks of pixels with such a pixel).
     """
     x0, y0 = max(np.int64(triangles.box[t, 0]), rect[0]), max(np.int64(triangles.box[t, 1]), rect[1])
     x1, y1 = min(np.int64(triangles.box[t, 2]), rect[2]), min(np.int64(triangles.box[t, 3]), rect[3])
-    covered, passed, pixels = 0, 0, 0
+    covered, passed, pixels, quads = 0, 0, 0, 0
     if x0 > x1 or y0 > y1:
-        return covered, passed, pixels
+        return covered, passed, pixels, quads
     a, b, c = triangles.vertex[t, 0], triangles.vertex[t, 1], triangles.vertex[t, 2]
     edges, twice_area = triangle_edges(window, a, b, c)
     plane = _depth_plane(triangles, window, t, depth_range)
@@ -162,12 +172,13 @@ def rasterize(t, rect, triangles, window, sample_x, sample_y, margin, depth_rang
             px1, py1 = min(x1, ((bx + 1) << log2) - 1), min(y1, ((by + 1) << log2) - 1)
             if small or _reaches_all(edges, px0, py0, px1, py1, margin):
                 if len(sample_x) == 1:
-                    n, m, q = _fill(px0, py0, px1, py1, t, edges, plane, area, depth, visible)
+                    n, m, p, q = _fill(px0, py0, px1, py1, t, edges, plane, area, depth, visible)
                 else:
-                    n, m, q = _fill_samples(
+                    n, m, p, q = _fill_samples(
                         px0, py0, px1, py1, t, edges, plane, area, sample_x, sample_y, depth, visible
                     )  # fmt: skip
                 covered += n
                 passed += m
-                pixels += q
-    return covered, passed, pixels
+                pixels += p
+                quads += q
+    return covered, passed, pixels, quads

@@ -40,6 +40,7 @@ TILE_COUNTERS = {
     "rs_samples_covered": TileCount.SAMPLES_COVERED,
     "om_samples_passed": TileCount.SAMPLES_PASSED,
     "ps_invocations": TileCount.PS_INVOCATIONS,
+    "ps_helper_invocations": TileCount.PS_HELPERS,
 }
 
 

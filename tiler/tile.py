@@ -31,10 +31,11 @@ class TileCount(IntEnum):
     SAMPLES_COVERED = NUM_OUTCOMES + 4  # each is one depth test
     SAMPLES_PASSED = NUM_OUTCOMES + 5
     PS_INVOCATIONS = NUM_OUTCOMES + 6
+    PS_HELPERS = NUM_OUTCOMES + 7
 
 
 NUM_TILE_COUNTS = NUM_OUTCOMES + len(TileCount)
-_ENTRIES, _DS, _TRIANGLES, _OUTSIDE, _COVERED, _PASSED, _PS = (int(c) for c in TileCount)
+_ENTRIES, _DS, _TRIANGLES, _OUTSIDE, _COVERED, _PASSED, _PS, _HELPERS = (int(c) for c in TileCount)
 _SETUP = int(Outcome.SETUP)
 TILE_GRID = int(Shade.TILE_GRID)
 
@@ -122,13 +123,14 @@ def _rasterize_queue(
                 next_patch += 1
             if next_patch == end_patch or live[queue.item[next_patch]] != patch:
                 continue
-        covered, passed, pixels = rasterize(
+        covered, passed, pixels, quads = rasterize(
             t, rect, triangles, window, sample_x, sample_y, margin, depth_range, target.depth, target.visible
         )
         counts[_TRIANGLES] += 1
         counts[_COVERED] += covered
         counts[_PASSED] += passed
         counts[_PS] += pixels
+        counts[_HELPERS] += 4 * quads - pixels
 
 
 @kernel
