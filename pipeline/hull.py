@@ -9,7 +9,22 @@ import numpy as np
 
 from pipeline.culling import CULL_TESTS
 from pipeline.jit import helper, kernel
-from pipeline.types import F32, F64, I32, U8, CullFlag, PatchBounds, Patches, TessFactors, Viewport
+from pipeline.minmax import build_pyramids
+from pipeline.types import (
+    F32,
+    F64,
+    I32,
+    U8,
+    CullFlag,
+    DisplacementMaps,
+    FaceCull,
+    HullInput,
+    PatchBounds,
+    Patches,
+    Pyramids,
+    TessFactors,
+    Viewport,
+)
 
 
 def flag_nonfinite(patches: Patches, ranges: F64) -> U8:
@@ -25,10 +40,37 @@ def flag_nonfinite(patches: Patches, ranges: F64) -> U8:
     return np.where(fine, np.uint8(CullFlag.ALIVE), np.uint8(CullFlag.NONFINITE))
 
 
-def run_cull_tests(names: Sequence[str], bounds: PatchBounds, flags: U8) -> None:
+def make_input(
+    patches: Patches,
+    maps: DisplacementMaps,
+    clip_from_world: F32,
+    viewport: Viewport,
+    *,
+    pyramids: Pyramids | None = None,
+    eye: F64 | None = None,
+    domain: F64 | None = None,
+    factors: TessFactors | None = None,
+    face_cull: FaceCull = FaceCull.NONE,
+) -> HullInput:
+    """The input of bounds and cull tests, with what is not given: whole patches, factors 1, no eye, no face cull."""
+    n = len(patches.control_points)
+    return HullInput(
+        patches=patches,
+        maps=maps,
+        pyramids=build_pyramids(maps) if pyramids is None else pyramids,
+        clip_from_world=clip_from_world,
+        eye=np.full(3, np.nan) if eye is None else np.asarray(eye, np.float64),
+        viewport=viewport,
+        domain=np.tile([0.0, 1.0, 0.0, 1.0], (n, 1)) if domain is None else domain,
+        factors=fixed_factors(n, (1.0,) * 6) if factors is None else factors,
+        face_cull=int(face_cull),
+    )
+
+
+def run_cull_tests(names: Sequence[str], stage: HullInput, bounds: PatchBounds, flags: U8) -> None:
     """Run the named tests of `CULL_TESTS` in order; each flags patches that are still alive (`flags` in place)."""
     for name in names:
-        CULL_TESTS[name](bounds, flags)
+        CULL_TESTS[name](stage, bounds, flags)
 
 
 def fixed_factors(num_patches: int, factor: Sequence[float]) -> TessFactors:
@@ -95,6 +137,11 @@ def screen_factors(
         control_points, clip_from_world, half_width, half_height, least_w, edge_pixels, most, edge, inside
     )  # fmt: skip
     return TessFactors(edge, inside)
+
+
+def drop_culled(factors: TessFactors, flags: U8) -> None:
+    """Write factor 0 for culled patches, which the tessellator then drops (`factors.edge` modified in place)."""
+    factors.edge[flags != CullFlag.ALIVE] = 0.0
 
 
 def flag_factors(of_patch: I32, flags: U8) -> None:

@@ -55,6 +55,16 @@ class DisplacementMaps(NamedTuple):
     bias: F32  # (L,)
 
 
+class Pyramids(NamedTuple):
+    """Min-max pyramids of all maps, packed. Level k of map m is size[m, k] texels and starts at first[m, k]; 0 is the map."""
+
+    lo: F32  # least texel of each block
+    hi: F32  # greatest texel of each block
+    first: I64  # (L, levels)
+    size: I64  # (L, levels, 2) width, height; 0 beyond the top level, which is 1 x 1
+    whole: F64  # (L, 2) range of any lookup anywhere, world units, `displacement.map_ranges`
+
+
 class Patches(NamedTuple):
     """Bicubic Bezier patches. The vertex stage reads them in object space and writes them in world space."""
 
@@ -70,6 +80,20 @@ class TessFactors(NamedTuple):
 
     edge: F32  # (P, 4) edges u=0, v=0, u=1, v=1
     inside: F32  # (P, 2) along u, along v
+
+
+class HullInput(NamedTuple):
+    """What the hull stage's bounds and cull tests may look at. Made by `hull.make_input`; kernels get its parts."""
+
+    patches: Patches  # world space
+    maps: DisplacementMaps
+    pyramids: Pyramids
+    clip_from_world: F32  # (4, 4)
+    eye: F64  # (3,) world space; NaN where there is none, and then nothing is back-facing
+    viewport: "Viewport"
+    domain: F64  # (P, 4) u0, u1, v0, v1: the part of each patch that is bounded; (0, 1, 0, 1) is all of it
+    factors: TessFactors
+    face_cull: int  # FaceCull: which triangles the rasterizer drops
 
 
 class PatchBounds(NamedTuple):

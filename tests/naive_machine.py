@@ -15,9 +15,10 @@ import numpy as np
 from pipeline import domain, hull
 from pipeline.bounds import BOUNDS
 from pipeline.culling import CULL_TESTS, FLAG_OF
-from pipeline.displacement import map_ranges, pack_maps
+from pipeline.displacement import pack_maps
+from pipeline.hull import make_input
 from pipeline.tessellator import tessellate
-from pipeline.types import Address, DomainPoints, PatchBounds, Patches, Patterns, Viewport
+from pipeline.types import Address, DomainPoints, FaceCull, HullInput, PatchBounds, Patches, Patterns, Viewport
 from tests.naive import SAMPLE_OFFSETS
 from tests.naive_primitives import NaiveTriangle, naive_assemble, twice_area
 from tiler.config import Machine
@@ -118,10 +119,12 @@ class NaiveMachine:
             if not self.finite(patch):
                 self.count("hs_culled_nonfinite")
                 continue
-            bound = BOUNDS[self.machine.bounds](
-                patch, map_ranges(self.maps), self.camera.clip_from_world, self.viewport
-            )
-            culled_by = self.first_cull(bound)
+            stage = make_input(
+                patch, self.maps, self.camera.clip_from_world, self.viewport, eye=self.camera.eye,
+                face_cull=FaceCull[self.scene.face_cull.upper()],
+            )  # fmt: skip
+            bound = BOUNDS[self.machine.bounds](stage)
+            culled_by = self.first_cull(stage, bound)
             if culled_by:
                 self.count(f"hs_culled_{culled_by}")
                 continue
@@ -137,10 +140,10 @@ class NaiveMachine:
             alive.append((p, patch, bound.rect[0]))
         return alive
 
-    def first_cull(self, bound: PatchBounds) -> str:
+    def first_cull(self, stage: HullInput, bound: PatchBounds) -> str:
         for name in self.machine.cull:
             flags = np.zeros(1, np.uint8)
-            CULL_TESTS[name](bound, flags)
+            CULL_TESTS[name](stage, bound, flags)
             if flags[0]:
                 assert flags[0] == FLAG_OF[name]
                 return name

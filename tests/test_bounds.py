@@ -5,8 +5,7 @@ import pytest
 
 from pipeline.bounds import BOUNDS
 from pipeline.culling import CULL_TESTS, FLAG_OF
-from pipeline.displacement import map_ranges
-from pipeline.hull import flag_nonfinite, run_cull_tests
+from pipeline.hull import flag_nonfinite, make_input, run_cull_tests
 from pipeline.primitives import FRUSTUM, GUARD, Outcome, guard_band, project_points
 from pipeline.types import CullFlag, PatchBounds, Viewport, Window
 from tests.naive_domain import NaiveMap
@@ -141,7 +140,7 @@ def grid_triangles(factor):
 def one_bound(bound, patches, k, maps, matrix, viewport=VIEWPORT):
     """Bounds of patch k by itself."""
     some = type(patches)(*(a[k : k + 1] for a in patches))
-    return bound(some, map_ranges(pack(maps)), matrix, viewport)
+    return bound(make_input(some, pack(maps), matrix, viewport))
 
 
 def one_shade(patches, k, points, maps, matrix):
@@ -181,7 +180,7 @@ def test_box_contains_world_positions(bound, kind, seed):
     """What the shader adds up in float32, seen through the identity: no vertex leaves the box by anything."""
     rng = np.random.default_rng(100 + seed)
     patches, maps, _, _ = family_of(kind, rng)
-    bounds = bound(patches, map_ranges(pack(maps)), IDENTITY, VIEWPORT)
+    bounds = bound(make_input(patches, pack(maps), IDENTITY, VIEWPORT))
     for k in range(16):
         clip = one_shade(patches, k, attack_points(rng), maps, IDENTITY)[:, :3]
         axes, center = bounds.axes[k], bounds.center[k]
@@ -256,7 +255,7 @@ def test_rectangle_holds_where_window_coordinates_round_most(bound, seed):
         matrix = IDENTITY.copy()
         matrix[3] = [0, 0, 0, w]
         patches = make_one(quad([[x, -y, 0.5 * w] for y in (y0, y1) for x in (x0, x1)]))
-        (left, top, right, bottom), *_ = bound(patches, np.zeros((0, 2)), matrix, viewport).rect
+        (left, top, right, bottom), *_ = bound(make_input(patches, pack([]), matrix, viewport)).rect
         window = window_of(shade_with(patches, grid_points(2), [], matrix), viewport)
         x, y = window.x / 256, window.y / 256
         assert (x >= left).all() and (x <= right).all() and (y >= top).all() and (y <= bottom).all(), f"seed {seed}"
@@ -293,7 +292,7 @@ def test_box_contains_patches_of_denormal_coordinates(bound):
     cp[..., 3] = 1e-20
     cp[0, 0] *= 1.5
     patches = make_one(cp)
-    bounds = bound(patches, map_ranges(pack([])), IDENTITY, VIEWPORT)
+    bounds = bound(make_input(patches, pack([]), IDENTITY, VIEWPORT))
     points = shade_with(patches, random_points(rng, 200), [], IDENTITY)[:, :3]
     assert (abs(points - bounds.center[0]) <= abs(bounds.axes[0]).sum(axis=0)).all()
 
@@ -335,7 +334,7 @@ def test_rectangle_of_a_flat_patch_is_tight(bound, seed):
             matrix[:2] = np.diag([0.8, 1.2, 0, 0])[:2]
             corners = [[x * -z, y * -z, z] for y in (y0, y1) for x in (x0, x1)]
             patches = make_one(quad(corners))
-            bounds = bound(patches, map_ranges(pack([])), matrix, viewport)
+            bounds = bound(make_input(patches, pack([]), matrix, viewport))
             window = window_of(shade_with(patches, grid_points(1), [], matrix), viewport)
             x = np.clip(window.x / 256, viewport.left, viewport.left + viewport.width)
             y = np.clip(window.y / 256, viewport.top, viewport.top + viewport.height)
@@ -353,7 +352,7 @@ def test_rectangle_of_a_flat_patch_is_tight(bound, seed):
 def test_inside_flag_is_set_where_it_should_be(bound):
     """A flat patch inside all planes by a hundredth."""
     patches = make_one(quad([[x, y, z] for (y, z) in ((-0.99, 0.01), (0.99, 0.99)) for x in (-0.99, 0.99)]))
-    bounds = bound(patches, map_ranges(pack([])), IDENTITY, VIEWPORT)
+    bounds = bound(make_input(patches, pack([]), IDENTITY, VIEWPORT))
     assert bounds.inside[0] == 1
 
 
@@ -361,7 +360,7 @@ def test_inside_flag_is_set_where_it_should_be(bound):
 def test_displacement_widens_by_the_range_of_the_map_only(bound):
     image = NaiveMap(np.array([[-0.25, 0.125]], np.float32), "wrap", 1.0, 0.0)
     patches = make_one(flat_square(), map_id=0)
-    bounds = bound(patches, map_ranges(pack([image])), IDENTITY, VIEWPORT)
+    bounds = bound(make_input(patches, pack([image]), IDENTITY, VIEWPORT))
     extent = abs(bounds.axes[0]).sum(axis=0)
     assert (extent <= np.array([1.5, 1.5, 0]) + 0.25 + 1e-5).all()
     assert (bounds.center[0] - extent)[2] <= -0.25 and (bounds.center[0] + extent)[2] >= 0.125
@@ -371,7 +370,7 @@ def test_displacement_widens_by_the_range_of_the_map_only(bound):
 def test_each_patch_uses_its_own_map(bound):
     maps = [NaiveMap(np.full((1, 1), t, np.float32), "wrap", 1.0, 0.0) for t in (0.5, 64.0, 2.0)]
     patches = make_one(np.repeat(flat_square()[None], 4, 0), map_id=[2, 0, -1, 0])
-    bounds = bound(patches, map_ranges(pack(maps)), IDENTITY, VIEWPORT)
+    bounds = bound(make_input(patches, pack(maps), IDENTITY, VIEWPORT))
     depth = abs(bounds.axes[:, :, 2]).sum(axis=1) + abs(bounds.center[:, 2])
     np.testing.assert_allclose(depth, [2, 0.5, 0, 0.5], atol=1e-4)
 
@@ -391,11 +390,11 @@ def test_non_finite_patches_disturb_no_other(bound, bad):
     matrix = look([0, 0, 60], [0, 0, 0], 0.1, 1e4)
     flags = flag_nonfinite(patches, np.zeros((0, 2)))
     assert flags.tolist() == [CullFlag.NONFINITE, CullFlag.ALIVE] * 64
-    bounds = bound(patches, np.zeros((0, 2)), matrix, VIEWPORT)
-    alone = bound(make_one(cp[1::2]), np.zeros((0, 2)), matrix, VIEWPORT)
+    bounds = bound(make_input(patches, pack([]), matrix, VIEWPORT))
+    alone = bound(make_input(make_one(cp[1::2]), pack([]), matrix, VIEWPORT))
     for all_of_them, good in zip(bounds, alone, strict=True):
         np.testing.assert_array_equal(all_of_them[1::2], good)
-    run_cull_tests(list(CULL_TESTS), bounds, flags)
+    run_cull_tests(list(CULL_TESTS), make_input(patches, pack([]), matrix, VIEWPORT), bounds, flags)
     assert (flags[::2] == CullFlag.NONFINITE).all()
 
 
@@ -407,7 +406,7 @@ def test_broken_maps_and_weights_give_no_bound(bound):
     broken = NaiveMap(np.array([[0, np.nan]], np.float32), "wrap", 1.0, 0.0)
     cp = np.concatenate([rational, smooth_patch(rng)[None]])
     bounds = bound(
-        make_one(cp, map_id=[-1, -1, -1, 0]), map_ranges(pack([broken])), look([0, 0, 60], [0, 0, 0]), VIEWPORT
+        make_input(make_one(cp, map_id=[-1, -1, -1, 0]), pack([broken]), look([0, 0, 60], [0, 0, 0]), VIEWPORT)
     )
     assert_no_bound(bounds)
     assert (bounds.rect == [0, 0, 64, 48]).all() and (bounds.z_min == 0).all()
@@ -420,9 +419,9 @@ def test_a_non_finite_matrix_culls_nothing(bound):
     for bad in (np.nan, np.inf, -np.inf):
         for entry in range(16):
             matrix = look([0, 0, 60], [0, 0, 0], 0.1, 1e4)
-            assert_no_bound(bound(patches, map_ranges(pack([])), matrix, VIEWPORT), sure=False)
+            assert_no_bound(bound(make_input(patches, pack([]), matrix, VIEWPORT)), sure=False)
             matrix.flat[entry] = bad
-            bounds = bound(patches, map_ranges(pack([])), matrix, VIEWPORT)
+            bounds = bound(make_input(patches, pack([]), matrix, VIEWPORT))
             assert_no_bound(bounds)
 
 
@@ -437,23 +436,28 @@ def assert_no_bound(bounds, sure=True):
 def test_a_box_through_the_eye_gives_the_whole_viewport(bound):
     patches = make_one(quad([[-1, -1, -1], [1, -1, -1], [-1, 1, 1], [1, 1, 1]]))
     matrix = look([0, 0, 0], [0, 0, -1], near=1e-4)
-    bounds = bound(patches, map_ranges(pack([])), matrix, VIEWPORT)
+    bounds = bound(make_input(patches, pack([]), matrix, VIEWPORT))
     assert bounds.rect[0].tolist() == [0, 0, 64, 48] and bounds.z_min[0] <= 1e-4 and bounds.inside[0] == 0
 
 
 @by_bound
 def test_a_box_behind_the_eye_touches_no_pixel(bound):
     patches = make_one(quad([[-1, -1, 1], [1, -1, 1], [-1, 1, 3], [1, 1, 3]]))
-    bounds = bound(patches, map_ranges(pack([])), look([0, 0, 0], [0, 0, -1]), VIEWPORT)
+    bounds = bound(make_input(patches, pack([]), look([0, 0, 0], [0, 0, -1]), VIEWPORT))
     assert bounds.rect[0, 0] == bounds.rect[0, 2]
 
 
 # Cull tests
 
 
+def any_stage(n):
+    """n patches without an eye, for tests that look at the bounds only."""
+    return make_input(make_one(np.ones((n, 4, 4, 4))), pack([]), IDENTITY, VIEWPORT)
+
+
 def cull_one(cull, bounds):
     flags = np.zeros(len(bounds.inside), np.uint8)
-    CULL_TESTS[cull](bounds, flags)
+    CULL_TESTS[cull](any_stage(len(flags)), bounds, flags)
     return flags
 
 
@@ -500,7 +504,7 @@ def test_a_flat_patch_just_inside_lives_and_just_outside_dies(bound, cull, plane
         patches = make_one(quad(corners))
         clip = shade_with(patches, grid_points(8), [], matrix)
         assert ((clip @ FUNCTIONS[FRUSTUM_PLANES[plane]]) * side > 0).all(), "the case is not what it claims to be"
-        (flag,) = cull_one(cull, bound(patches, map_ranges(pack([])), matrix, VIEWPORT))
+        (flag,) = cull_one(cull, bound(make_input(patches, pack([]), matrix, VIEWPORT)))
         assert (flag == CullFlag.ALIVE) == (side > 0)
 
 
@@ -541,7 +545,7 @@ def test_frustum_cull_needs_all_corners_outside_by_more_than_the_slack(plane):
 def test_cull_tests_leave_other_flags_alone(cull):
     corners = np.tile([5.0, 0, 0.5, 1], (len(CullFlag), 8, 1))
     flags = np.arange(len(CullFlag)).astype(np.uint8)
-    CULL_TESTS[cull](corner_bounds(corners), flags)
+    CULL_TESTS[cull](any_stage(len(flags)), corner_bounds(corners), flags)
     assert flags.tolist() == [FLAG_OF[cull], *range(1, len(CullFlag))]
 
 

@@ -12,7 +12,7 @@ from pipeline.displacement import map_ranges
 from pipeline.tessellator import make_patterns
 from pipeline.types import CullFlag, TessFactors, Viewport
 from tests.naive_domain import NaiveMap
-from tests.test_bounds import corner_bounds, look, random_camera
+from tests.test_bounds import any_stage, corner_bounds, look, random_camera
 from tests.test_domain import make_one, pack, rational_patch, reorient, smooth_patch
 
 VIEWPORT = Viewport(0, 0, 640, 480, 0.0, 1.0)
@@ -222,12 +222,12 @@ def test_flags_without_maps_and_without_patches():
 def test_the_first_reason_counts():
     outside = corner_bounds(np.tile([5.0, 0, 0.5, 1], (4, 8, 1)))
     flags = np.array([CullFlag.ALIVE, CullFlag.NONFINITE, CullFlag.FACTOR, CullFlag.ALIVE], np.uint8)
-    hull.run_cull_tests([], outside, flags)
+    hull.run_cull_tests([], any_stage(4), outside, flags)
     assert flags.tolist() == [0, 1, 2, 0]
-    hull.run_cull_tests(list(CULL_TESTS), outside, flags)
+    hull.run_cull_tests(list(CULL_TESTS), any_stage(4), outside, flags)
     assert flags.tolist() == [CullFlag.FRUSTUM, CullFlag.NONFINITE, CullFlag.FACTOR, CullFlag.FRUSTUM]
     with pytest.raises(KeyError):
-        hull.run_cull_tests(["no such test"], outside, flags)
+        hull.run_cull_tests(["no such test"], any_stage(4), outside, flags)
 
 
 def test_factors_that_cull():

@@ -6,18 +6,19 @@ import numpy as np
 
 from pipeline import domain, hull, primitives, vertex
 from pipeline.displacement import pack_maps
+from pipeline.minmax import build_pyramids
 from pipeline.primitives import NUM_OUTCOMES
 from pipeline.types import (
     I32,
     I64,
-    U8,
     Address,
-    CullFlag,
     DisplacementMaps,
     DomainPoints,
     FaceCull,
+    HullInput,
     Patches,
     Patterns,
+    Pyramids,
     TessFactors,
     Triangles,
     Viewport,
@@ -26,7 +27,7 @@ from pipeline.types import (
 from tiler.host import Host
 from tiler.rasterizer import MARGIN
 from tiler.scene.camera import Camera
-from tiler.scene.model import Scene, Tessellation
+from tiler.scene.model import DisplacementMap, Scene, Tessellation
 
 BATCH_POINTS = 1 << 21  # domain points in flight: bounds the memory of a frame's geometry at about 300 MB
 WINDING = "triangle_ccw"  # with u x v pointing to the viewer this is clockwise on the screen: a front face
@@ -42,9 +43,29 @@ class Geometry(NamedTuple):
     outcomes: I64  # (live, NUM_OUTCOMES)
 
 
-def scene_maps(scene: Scene) -> DisplacementMaps:
-    """The scene's displacement maps, packed."""
-    return pack_maps([(m.texels, Address[m.address.upper()], m.scale, m.bias) for m in scene.maps])
+class PackedMaps(NamedTuple):
+    """A scene's displacement maps as kernels read them, and the maps themselves, so that they are not forgotten."""
+
+    source: tuple[DisplacementMap, ...]
+    maps: DisplacementMaps
+    pyramids: Pyramids
+
+
+KEPT_MAPS = 4  # sets of maps that are kept packed from one frame to the next
+_packed: dict[tuple[int, ...], PackedMaps] = {}
+
+
+def scene_maps(scene: Scene) -> PackedMaps:
+    """The scene's displacement maps, packed, with their pyramids. Made once for a scene's frames: its arrays never change."""
+    key = tuple(map(id, scene.maps))  # no other object can get these while `source` holds the maps
+    packed = _packed.get(key)
+    if packed is None:
+        maps = pack_maps([(m.texels, Address[m.address.upper()], m.scale, m.bias) for m in scene.maps])
+        packed = PackedMaps(scene.maps, maps, build_pyramids(maps))
+        while len(_packed) >= KEPT_MAPS:
+            _packed.pop(next(iter(_packed)), None)
+        _packed[key] = packed
+    return packed
 
 
 def run_vertex_shader(scene: Scene) -> Patches:
@@ -53,16 +74,29 @@ def run_vertex_shader(scene: Scene) -> Patches:
     return vertex.make_patches(world, scene.texcoords, scene.map_id, scene.object_id)
 
 
-def tess_factors(policy: Tessellation, patches: Patches, camera: Camera, viewport: Viewport, flags: U8) -> TessFactors:
-    """Factors by the scene's policy; those of patches already culled are 0, which the tessellator culls."""
+def tess_factors(policy: Tessellation, patches: Patches, camera: Camera, viewport: Viewport) -> TessFactors:
+    """Factors by the scene's policy."""
     if policy.edge_pixels is None:
-        factors = hull.fixed_factors(len(flags), policy.factor)
-    else:
-        factors = hull.screen_factors(
-            patches.control_points, camera.clip_from_world, viewport, camera.near, policy.edge_pixels, policy.max_factor
-        )
-    factors.edge[flags != CullFlag.ALIVE] = 0.0
-    return factors
+        return hull.fixed_factors(len(patches.control_points), policy.factor)
+    return hull.screen_factors(
+        patches.control_points, camera.clip_from_world, viewport, camera.near, policy.edge_pixels, policy.max_factor
+    )
+
+
+def hull_input(
+    scene: Scene, patches: Patches, packed: PackedMaps, factors: TessFactors, camera: Camera, viewport: Viewport
+) -> HullInput:
+    """What the hull stage's bounds and cull tests may look at."""
+    return hull.make_input(
+        patches,
+        packed.maps,
+        camera.clip_from_world,
+        viewport,
+        pyramids=packed.pyramids,
+        eye=camera.eye,
+        factors=factors,
+        face_cull=FaceCull[scene.face_cull.upper()],
+    )
 
 
 def split_batches(live: I32, patterns: Patterns) -> list[I32]:

@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 from pipeline import hull
 from pipeline.bounds import BOUNDS
-from pipeline.displacement import map_ranges
 from pipeline.tessellator import make_patterns
 from pipeline.types import Viewport
 from tiler import back_end, front_end
@@ -26,16 +25,17 @@ def render_frame(scene: Scene, machine: Machine, number: float, host: Host, prog
     viewport = Viewport(0, 0, width, height, 0.0, 1.0)
     grid = make_grid(width, height, machine.tile)
     target = back_end.make_target(scene.picture)
-    maps = front_end.scene_maps(scene)
-    ranges = map_ranges(maps)
+    packed = front_end.scene_maps(scene)
     tally = Tally(scene, machine, grid)
 
     # Per patch: vertex shader, hull shader, tessellator.
     patches = front_end.run_vertex_shader(scene)
-    flags = hull.flag_nonfinite(patches, ranges)
-    bounds = BOUNDS[machine.bounds](patches, ranges, camera.clip_from_world, viewport)
-    hull.run_cull_tests(machine.cull, bounds, flags)
-    factors = front_end.tess_factors(scene.tessellation, patches, camera, viewport, flags)
+    factors = front_end.tess_factors(scene.tessellation, patches, camera, viewport)
+    stage = front_end.hull_input(scene, patches, packed, factors, camera, viewport)
+    flags = hull.flag_nonfinite(patches, stage.pyramids.whole)
+    bounds = BOUNDS[machine.bounds](stage)
+    hull.run_cull_tests(machine.cull, stage, bounds, flags)
+    hull.drop_culled(factors, flags)
     patterns = make_patterns(factors, scene.tessellation.partitioning, front_end.WINDING)
     hull.flag_factors(patterns.of_patch, flags)
     live = hull.live_patches(flags)
@@ -44,7 +44,7 @@ def render_frame(scene: Scene, machine: Machine, number: float, host: Host, prog
     # Per triangle and per tile: domain shader, primitives, binning, tile loop; a batch of patches after the other.
     batches = front_end.split_batches(live, patterns)
     for b, batch in enumerate(batches):
-        points = front_end.shade_domain_points(batch, patches, patterns, maps, camera, host)
+        points = front_end.shade_domain_points(batch, patches, patterns, packed.maps, camera, host)
         geometry = front_end.set_up_triangles(batch, points, patterns, viewport, scene, host)
         bins = back_end.bin_batch(batch, geometry, bounds, machine, grid, host)
         back_end.run_tiles(

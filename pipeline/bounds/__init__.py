@@ -1,19 +1,15 @@
 """Bounds of displaced patches. `BOUNDS` is the table: tests, command line and reports loop over it.
 
-Every entry is called as `bound(patches, ranges, clip_from_world, viewport) -> PatchBounds`:
-
-patches : Patches in world space. ranges : float64[L, 2], smallest and largest displacement of each map.
-clip_from_world : float32[4, 4]. viewport : Viewport, whose pixels the screen rectangles are clipped to.
-
-To add one: a module beside `cbox` with a function of this signature, and a line here.
+Every entry is called as `bound(stage) -> PatchBounds`, `stage` a HullInput (`hull.make_input` makes one from arrays), and
+bounds each patch over its parametric domain. To add one: a module beside `cbox` with such a function, and a line here.
 """
 
 from collections.abc import Callable
 
 from pipeline.bounds import cbox
-from pipeline.types import F32, F64, PatchBounds, Patches, Viewport
+from pipeline.types import HullInput, PatchBounds
 
-Bound = Callable[[Patches, F64, F32, Viewport], PatchBounds]
+Bound = Callable[[HullInput], PatchBounds]
 
 BOUNDS: dict[str, Bound] = {
     "cbox": cbox.bound_patches,

@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.bounds.project import allocate, project_box
 from pipeline.jit import helper, kernel
-from pipeline.types import F32, F64, PatchBounds, Patches, Viewport
+from pipeline.types import HullInput, PatchBounds
 
 U = 2.0**-24
 UNDERFLOW = 2.0**-140  # above the rounding of denormal results
@@ -72,8 +72,8 @@ def _bound_patches(patches, ranges, matrix, viewport, bounds):
         project_box(p, matrix, viewport, bounds)
 
 
-def bound_patches(patches: Patches, ranges: F64, clip_from_world: F32, viewport: Viewport) -> PatchBounds:
-    """Bound every patch; arguments as in `pipeline.bounds`. A weight <= 0 gives a NaN box, which culls nothing."""
-    bounds = allocate(len(patches.control_points))
-    _bound_patches(patches, ranges, clip_from_world, viewport, bounds)
+def bound_patches(stage: HullInput) -> PatchBounds:
+    """Bound every patch; all of it, whatever its domain. A weight <= 0 gives a NaN box, which culls nothing."""
+    bounds = allocate(len(stage.patches.control_points))
+    _bound_patches(stage.patches, stage.pyramids.whole, stage.clip_from_world, stage.viewport, bounds)
     return bounds

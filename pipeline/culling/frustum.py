@@ -6,7 +6,7 @@ Sathe 2011 describes divides first, and wrongly culls boxes that cross w = 0.)
 """
 
 from pipeline.jit import helper, kernel
-from pipeline.types import U8, CullFlag, PatchBounds
+from pipeline.types import U8, CullFlag, HullInput, PatchBounds
 
 ALIVE, FRUSTUM = int(CullFlag.ALIVE), int(CullFlag.FRUSTUM)
 
@@ -35,6 +35,6 @@ def _cull_patches(bounds, flags):
             flags[p] = FRUSTUM
 
 
-def cull_patches(bounds: PatchBounds, flags: U8) -> None:
+def cull_patches(stage: HullInput, bounds: PatchBounds, flags: U8) -> None:
     """Flag alive patches whose bound lies outside one plane of the frustum; `flags` uint8[P] modified in place."""
     _cull_patches(bounds, flags)
