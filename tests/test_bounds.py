@@ -551,6 +551,6 @@ def test_cull_tests_leave_other_flags_alone(cull):
 
 @by_bound
 def test_undisplaced_patches_without_maps_need_no_range(bound):
-    bounds = bound(make_one(flat_square()), np.zeros((0, 2)), IDENTITY, VIEWPORT)
+    bounds = bound(make_input(make_one(flat_square()), pack([]), IDENTITY, VIEWPORT))
     assert np.isfinite(bounds.corners).all()
-    assert len(bound(make_one(np.zeros((0, 4, 4, 4)), UNIT_SQUARE), np.zeros((0, 2)), IDENTITY, VIEWPORT).rect) == 0
+    assert len(bound(make_input(make_one(np.zeros((0, 4, 4, 4)), UNIT_SQUARE), pack([]), IDENTITY, VIEWPORT)).rect) == 0
