@@ -18,6 +18,7 @@ from tiler.comparison import MACHINES, compare
 from tiler.config import Machine
 from tiler.counters import DEFINITIONS
 from tiler.files import write_bytes, write_png
+from tiler.quality import quality_table
 from tiler.scene import schema
 from tiler.scene.builders import BUILDERS
 
@@ -131,8 +132,20 @@ def builders_table() -> str:
     return "\n".join(HEAD + rows)
 
 
+def quality_rows() -> str:
+    """docs/bounds.md: how tight the bounds are, volume / screen area relative to the shaded surface's own box."""
+    rows = quality_table()
+    scenes = list(dict.fromkeys(row.scene for row in rows))
+    lines = ["| bound | " + " | ".join(scenes) + " |", "| --- |" + " ---: |" * len(scenes)]
+    for name in dict.fromkeys(row.bound for row in rows):
+        cells = [f"{row.volume:.2f} / {row.area:.2f}" for row in rows if row.bound == name]
+        lines.append(f"| `{name}` | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
 TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
     "counters": (ROOT / "README.md", counters_table),
+    "quality": (ROOT / "docs" / "bounds.md", quality_rows),
     "scene keys": (ROOT / "docs" / "scenes.md", scene_keys_table),
     "builders": (ROOT / "docs" / "scenes.md", builders_table),
     "definitions": (ROOT / "docs" / "counters.md", definitions_table),

@@ -18,6 +18,7 @@ from pipeline.types import F32, F64, Address, DisplacementMaps, Pyramids
 U = 2.0**-24
 WRAP, MIRROR = int(Address.WRAP), int(Address.MIRROR)
 MAX_LEVELS = 32
+FAR = 2.0**29  # texels; from twice as far on the shader reads texel (0, 0) whatever the address mode
 
 
 def _halve(texels: F32, reduce: np.ufunc) -> F32:
@@ -61,11 +62,9 @@ def _footprint(a, b, n):
 @helper
 def _pieces(first, last, n, mode):
     """Texels first .. last after addressing, on an axis of n: two ranges (lo, hi), the second empty where hi < lo."""
-    if not (last - first < n and abs(first) < 2.0**40 and abs(last) < 2.0**40):
-        if mode != WRAP and mode != MIRROR and abs(first) < 2.0**40 and abs(last) < 2.0**40:
-            return np.int64(min(max(first, 0.0), n - 1.0)), np.int64(min(max(last, 0.0), n - 1.0)), 0, -1
-        return 0, n - 1, 0, -1
     i, j = np.int64(first), np.int64(last)
+    if (mode == WRAP and j - i >= n - 1) or (mode == MIRROR and j - i >= 2 * n - 1):
+        return 0, n - 1, 0, -1
     if mode == WRAP:
         i, j = i % n, j % n
         if i <= j:
@@ -73,9 +72,9 @@ def _pieces(first, last, n, mode):
         return i, n - 1, 0, j
     if mode == MIRROR:
         i, j = i % (2 * n), i % (2 * n) + (j - i)
-        # Unfolded, texel k of period 2n shows k, then 2n-1-k; the range may run over one or both folds.
+        # Unfolded, texel k of period 2n shows k, then 2n-1-k; the range may run over several folds.
         lo, hi = n, -1
-        for start, backwards in ((0, False), (n, True), (2 * n, False)):
+        for start, backwards in ((0, False), (n, True), (2 * n, False), (3 * n, True)):
             a, b = max(i, start) - start, min(j, start + n - 1) - start
             if a <= b:
                 lo, hi = (min(lo, n - 1 - b), max(hi, n - 1 - a)) if backwards else (min(lo, a), max(hi, b))
@@ -106,6 +105,8 @@ def texel_range(maps, pyramids, m, s0, s1, t0, t1, exact):
     mode = maps.address[m]
     i0, i1 = _footprint(s0, s1, np.float64(width))
     j0, j1 = _footprint(t0, t1, np.float64(height))
+    if not (max(abs(i0), abs(i1)) < FAR and max(abs(j0), abs(j1)) < FAR):
+        return _piece_range(pyramids, m, 0, width - 1, 0, height - 1, exact)
     xa0, xa1, xb0, xb1 = _pieces(i0, i1, width, mode)
     ya0, ya1, yb0, yb1 = _pieces(j0, j1, height, mode)
     lo, hi = _piece_range(pyramids, m, xa0, xa1, ya0, ya1, exact)

@@ -42,6 +42,7 @@ class CullFlag(IntEnum):
     NONFINITE = 1
     FACTOR = 2
     FRUSTUM = 3
+    BACKFACE = 4
 
 
 class DisplacementMaps(NamedTuple):

@@ -18,7 +18,17 @@ from pipeline.culling import CULL_TESTS, FLAG_OF
 from pipeline.displacement import pack_maps
 from pipeline.hull import make_input
 from pipeline.tessellator import tessellate
-from pipeline.types import Address, DomainPoints, FaceCull, HullInput, PatchBounds, Patches, Patterns, Viewport
+from pipeline.types import (
+    Address,
+    DomainPoints,
+    FaceCull,
+    HullInput,
+    PatchBounds,
+    Patches,
+    Patterns,
+    TessFactors,
+    Viewport,
+)
 from tests.naive import SAMPLE_OFFSETS
 from tests.naive_primitives import NaiveTriangle, naive_assemble, twice_area
 from tiler.config import Machine
@@ -121,12 +131,13 @@ class NaiveMachine:
                 continue
             stage = make_input(
                 patch, self.maps, self.camera.clip_from_world, self.viewport, eye=self.camera.eye,
+                factors=TessFactors(*(np.array([a], f32) for a in self.factors(patch))),
                 face_cull=FaceCull[self.scene.face_cull.upper()],
             )  # fmt: skip
             bound = BOUNDS[self.machine.bounds](stage)
             culled_by = self.first_cull(stage, bound)
             if culled_by:
-                self.count(f"hs_culled_{culled_by}")
+                self.count(f"hs_culled_{FLAG_OF[culled_by].name.lower()}")
                 continue
             uv, indices = self.tessellate(patch)
             if len(indices) == 0:
@@ -149,7 +160,7 @@ class NaiveMachine:
                 return name
         return ""
 
-    def tessellate(self, patch: Patches) -> tuple[np.ndarray, np.ndarray]:
+    def factors(self, patch: Patches) -> tuple[np.ndarray, np.ndarray]:
         policy = self.scene.tessellation
         edge, inside = policy.factor[:4], policy.factor[4:]
         if policy.edge_pixels is not None:
@@ -158,7 +169,11 @@ class NaiveMachine:
                 policy.max_factor,
             )  # fmt: skip
             edge, inside = factors.edge[0], factors.inside[0]
-        return tessellate("quad", policy.partitioning, edge, inside, "triangle_ccw")
+        return edge, inside
+
+    def tessellate(self, patch: Patches) -> tuple[np.ndarray, np.ndarray]:
+        edge, inside = self.factors(patch)
+        return tessellate("quad", self.scene.tessellation.partitioning, edge, inside, "triangle_ccw")
 
     def domain_shader(self, patch: Patches, uv: np.ndarray, indices: np.ndarray) -> np.ndarray:
         """Clip positions (n, 4) of every domain point of a patch, each counted where it is shaded."""

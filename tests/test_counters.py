@@ -18,6 +18,7 @@ from tiler.tally import TILE_COUNTERS
 
 UNEVEN = (2, 3, 4, 5, 6, 2.5)
 BINNING = (("triangle", "none"), ("patch", "none"), ("patch", "frame"))
+CULL = ((), ("frustum",), ("frustum", "backface:tessellation_safe"))
 
 
 # Scenes in which something rare happens.
@@ -81,7 +82,7 @@ def runs(load) -> list[Run]:
     """Every case on both binning modes, both domain caches, with and without culling."""
     made = []
     for name, scene in cases(load).items():
-        for (binning, cache), cull in product(BINNING, ((), ("frustum",))):
+        for (binning, cache), cull in product(BINNING, CULL):
             machine = Machine(tile=16, binning=binning, domain_cache=cache, cull=cull, cores=5)
             frame = tiler.simulate(scene, machine, threads=1)
             made.append(Run(f"{name}, {binning}, cache {cache}, cull {cull}", scene, machine, frame))
@@ -101,7 +102,7 @@ def test_patches_have_one_fate_each(runs):
         balance(run, "vertex shader", c["ia_vertices"], c["vs_invocations"])
         balance(run, "hull shader", c["ia_primitives"], c["hs_invocations"])
         culled = [name for name in DEFINITIONS if name.startswith("hs_culled_")]
-        assert len(culled) >= 2
+        assert len(culled) >= 3
         fates = sum(c[name] for name in culled) + c["ts_culled_factor"] + c["ts_patches"]
         balance(run, "culled + tessellated patches", c["hs_invocations"], fates)
         binned = c["bin_patches"] + c["bin_patches_offscreen"]

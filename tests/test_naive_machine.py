@@ -26,7 +26,7 @@ MACHINES = [
     Machine(tile=8, binning="triangle", cores=3),
     Machine(tile=16, binning="triangle", cull=(), cores=1),
     Machine(tile=8, binning="patch", domain_cache="none", cull=(), cores=4),
-    Machine(tile=16, binning="patch", domain_cache="none", cores=2),
+    Machine(tile=16, binning="patch", domain_cache="none", cull=("frustum", "backface:tessellation_safe"), cores=2),
     Machine(tile=8, binning="patch", domain_cache="frame", cores=7),
     Machine(tile=16, binning="patch", domain_cache="frame", cull=(), cores=2),
 ]

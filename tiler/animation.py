@@ -46,8 +46,19 @@ def _digest_value(digest: Any, value: Any) -> None:
 
 
 def frame_record(frame: Frame) -> dict[str, Any]:
-    """What `--json` says of one frame."""
-    return {"frame": frame.number, "counters": dict(frame.counters), "seconds": round(frame.seconds, 6)}
+    """What `--json` says of one frame; `violations` and `false_culls` only where the machine verifies."""
+    record = {"frame": frame.number, "counters": dict(frame.counters), "seconds": round(frame.seconds, 6)}
+    return record | verify_record(frame)
+
+
+def verify_record(frame: Frame) -> dict[str, Any]:
+    """What `--json` says of a frame's verification; nothing where the machine does not verify."""
+    if not frame.machine.verify:
+        return {}
+    return {
+        "violations": [violation.record() for violation in frame.violations],
+        "false_culls": [violation.record() for violation in frame.false_culls],
+    }
 
 
 def render_to_folder(

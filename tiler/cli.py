@@ -6,7 +6,7 @@ Exit status: 0 fine, 1 a check failed, 2 bad input, 130 interrupted.
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any, Literal, NoReturn
 
 from cyclopts import App, CycloptsError, Parameter
 
@@ -27,6 +27,8 @@ app = App(
     suppress_keyboard_interrupt=False,
     help="Simulate a tile-based sort-middle rasterizer with the Direct3D 11 tessellation pipeline.",
 )
+
+MOST_TOLD = 20  # violations of a frame that are printed
 
 JsonPath = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
 
@@ -102,6 +104,9 @@ def render(
         for record in records[-1:]:
             print(Counters(record["counters"]).table())
             print(f"\n{record['seconds'] * 1e3:,.0f} ms; {_say(len(records))} in {out}")
+    held = [_tell_violations(f"frame {record['frame']:g}", record) for record in records]
+    if not all(held):
+        sys.exit(1)
 
 
 @app.command
@@ -120,7 +125,7 @@ def compare(
 
     Examples: `tiler compare waves --size 1920x1080 --factor 16`;
     `tiler compare teapot --machine binning=triangle --machine binning=patch,tile=16`.
-    The exit status is 1 if the machines draw different pictures.
+    The exit status is 1 if the machines draw different pictures, or if one verifies and finds a violation.
 
     Parameters
     ----------
@@ -138,6 +143,7 @@ def compare(
     quiet
         No progress.
     """
+    from tiler.animation import verify_record
     from tiler.comparison import MACHINES
     from tiler.comparison import compare as run
     from tiler.progress import Progress
@@ -153,7 +159,7 @@ def compare(
         warm_up()  # so that compiling or loading kernels is not charged to the first machine
         comparison = run(opened, machines, frame=frame, threads=threads, progress=bar.update)
     same = comparison.same_picture()
-    result = {
+    result: dict[str, Any] = {
         "scene": opened.name,
         "machines": [
             {
@@ -163,12 +169,69 @@ def compare(
                 "seconds": round(made.seconds, 6),
                 "same_picture": same[name],
             }
+            | verify_record(made)
             for name, made in comparison.frames.items()
         ],
     }
     if not _write_json(result, json):
         print(comparison.table())
-    if not all(same.values()):
+    held = [_tell_violations(f"machine {entry['name']}", entry) for entry in result["machines"]]
+    if not all(same.values()) or not all(held):
+        sys.exit(1)
+
+
+@app.command
+def validate(
+    what: Literal["bounds", "tessellator"],
+    *,
+    samples: int = 10_000_000,
+    seed: int = 0,
+    bounds: str | None = None,
+    reference: Path | None = None,
+    threads: int | None = None,
+    json: JsonPath = None,
+    quiet: Annotated[bool, Parameter(name=("--quiet", "-q"))] = False,
+) -> None:
+    """Check what must hold: every bound and cull test against shaded points, or the tessellator against reference answers.
+
+    Examples: `tiler validate bounds --samples 100000000`; `tiler validate tessellator --reference answers.npz`.
+    The exit status is 1 if something failed.
+
+    Parameters
+    ----------
+    what
+        bounds: all bounds and cull tests, on the built-in scenes, on random patches and on patches that are moved towards
+        violation. tessellator: points and indices of every case in a file, bit for bit.
+    samples
+        Shaded points that each bound is checked at, at least (bounds).
+    seed
+        Of the random patches; the same seed makes the same ones (bounds).
+    bounds
+        Only these bounds, separated by commas (bounds).
+    reference
+        An .npz file of reference answers (tessellator).
+    threads
+        Threads of this computer to use; all by default.
+    json
+        Write the result as JSON to this file; - for standard output and nothing else there.
+    quiet
+        No table and no progress.
+    """
+    from tiler.progress import Progress
+    from tiler.validation import count_cases, validate_bounds, validate_tessellator
+
+    if what == "bounds":
+        names = None if bounds is None else [name.strip() for name in bounds.split(",")]
+        with Progress("validating bounds", samples, quiet) as bar:
+            result = validate_bounds(samples, seed=seed, names=names, threads=threads, progress=bar.update)
+    elif reference is None:
+        raise TilerError("reference: missing; allowed: the path of an .npz file of reference answers")
+    else:
+        with Progress("validating the tessellator", count_cases(reference), quiet) as bar:
+            result = validate_tessellator(reference, bar.update)
+    if not _write_json(result, json) and not quiet:
+        _print_validation(result)
+    if result["failed"]:
         sys.exit(1)
 
 
@@ -197,6 +260,37 @@ def doctor() -> None:
 
 def _say(frames: int) -> str:
     return "color.png, depth.npy, counters.json" if frames == 1 else f"{frames} frames"
+
+
+def _tell_violations(where: str, record: dict[str, Any]) -> bool:
+    """Print what verification found to standard error, and whether nothing is wrong; nothing where nothing was verified."""
+    for name, word in (("violations", "violation"), ("false_culls", "false cull")):
+        found = record.get(name, [])
+        for k, fields in enumerate(found):
+            if k == MOST_TOLD:
+                print(f"{where}: {len(found) - k:,} more of {word}s", file=sys.stderr)
+                break
+            place = "" if fields["u"] is None else f" at (u, v) = ({fields['u']:.9g}, {fields['v']:.9g})"
+            margin = "unknown" if fields["margin"] is None else f"{fields['margin']:.6g} {fields['unit']}"
+            print(
+                f"{word}: {where}, patch {fields['patch']}{place}: {fields['algorithm']}: {fields['what']}, margin {margin}",
+                file=sys.stderr,
+            )
+    return not record.get("violations")
+
+
+def _print_validation(result: dict[str, Any]) -> None:
+    """A line an algorithm, or a failed case; and what failed."""
+    for row in result["details"]:
+        if "algorithm" not in row:
+            print(row)
+            continue
+        print(
+            f"{row['algorithm']:<26} {row['samples']:>15,} samples  {row['cases']:>11,} cases  {row['failed']:>6,} failed"
+        )
+        for violation in row["violations"]:
+            print(f"    {violation}")
+    print(f"{result['what']}: {result['cases']:,} cases, {result['failed']:,} failed")
 
 
 def _write_json(value: Any, where: str | None) -> bool:

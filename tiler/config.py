@@ -21,6 +21,8 @@ class Machine(BaseModel):
     cull : cull tests on whole patches, in order, names of `pipeline.culling.CULL_TESTS`; () for none.
     domain_cache : `patch` binning only; `none`: every tile shades a patch again; `frame`: once a frame.
     cores : simulated cores; tile t is worked off by core t modulo cores, tiles in scanline order.
+    verify : check each bound and each cull against all patches, shaded, and the picture without culls (`Frame.violations`);
+        the machine draws and counts the same.
 
     Raises TilerError for an unknown field, name or value.
     """
@@ -33,6 +35,7 @@ class Machine(BaseModel):
     cull: tuple[str, ...] = ("frustum",)
     domain_cache: Literal["none", "frame"] = "none"
     cores: int = 4
+    verify: bool = False
 
     def __init__(self, **fields: Any) -> None:
         if isinstance(fields.get("cull"), list):

@@ -32,6 +32,9 @@ DEFINITIONS: dict[str, Definition] = {
     ),
     "hs_culled_nonfinite": Definition("hull shader", "patches", "Patches dropped for a NaN or infinity in their input."),
     "hs_culled_frustum": Definition("hull shader", "patches", "Patches whose bound lies outside a plane of the frustum."),
+    "hs_culled_backface": Definition(
+        "hull shader", "patches", "Patches of which the face-cull mode would drop all, by a back-patch test."
+    ),
     "ts_culled_factor": Definition(
         "tessellator", "patches", "Patches that reached the tessellator alive and had an edge factor that is not above 0."
     ),

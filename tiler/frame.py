@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
     from tiler.config import Machine
+    from tiler.verify import Violation
 
 # Dark blue to pale yellow in even steps of lightness; readable in grey and by colour-blind readers.
 RAMP = np.array(
@@ -37,7 +38,9 @@ class Frame:
 
     color : uint8[H, W, 4], RGBA, samples resolved. depth : float32[H, W], window depth of sample 0; 1 where nothing is.
     depth_samples : float32[H, W, S]. tiles : per-tile counters by name, each int64[tiles_y, tiles_x]. cores : the same
-    summed over each simulated core's tiles, int64[cores]. seconds : wall time of the simulation.
+    summed over each simulated core's tiles, int64[cores]. seconds : wall time of the simulation. violations : what a machine
+    with `verify` found wrong with its bounds and culls. false_culls : patches dropped by a back-patch test that is right for
+    the smooth surface, of which a coarse triangle would have been visible.
     """
 
     scene: str
@@ -50,6 +53,8 @@ class Frame:
     tiles: dict[str, I64]
     cores: dict[str, I64]
     seconds: float = field(compare=False)
+    violations: tuple["Violation", ...] = ()
+    false_culls: tuple["Violation", ...] = ()
 
     @property
     def depth(self) -> F32:

@@ -5,9 +5,12 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline import domain, hull, primitives, vertex
+from pipeline.culling import tangent_plane
+from pipeline.culling.backface import Facing
 from pipeline.displacement import pack_maps
 from pipeline.minmax import build_pyramids
 from pipeline.primitives import NUM_OUTCOMES
+from pipeline.silhouette import raise_factors, shared_edges
 from pipeline.types import (
     I32,
     I64,
@@ -97,6 +100,21 @@ def hull_input(
         factors=factors,
         face_cull=FaceCull[scene.face_cull.upper()],
     )
+
+
+def raise_silhouettes(scene: Scene, stage: HullInput) -> HullInput:
+    """The stage with finer factors where a patch may show its outline, by the scene's policy.
+
+    The class of a patch is that of its base surface, by the parametric tangent plane; of a displaced one nothing is known.
+    """
+    policy = scene.tessellation
+    if policy.silhouette == 1.0:
+        return stage
+    everyone = np.arange(len(stage.patches.control_points))
+    marked = (tangent_plane.classify_patches(stage, everyone) == Facing.SILHOUETTE).astype(np.uint8)
+    edge = shared_edges(stage.patches.control_points)
+    factors = raise_factors(stage.factors, edge, marked, policy.silhouette, policy.max_factor)
+    return stage._replace(factors=factors)
 
 
 def split_batches(live: I32, patterns: Patterns) -> list[I32]:

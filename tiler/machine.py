@@ -7,7 +7,7 @@ from pipeline import hull
 from pipeline.bounds import BOUNDS
 from pipeline.tessellator import make_patterns
 from pipeline.types import Viewport
-from tiler import back_end, front_end
+from tiler import back_end, front_end, verify
 from tiler.config import Machine
 from tiler.frame import Frame
 from tiler.grid import make_grid
@@ -32,11 +32,12 @@ def render_frame(scene: Scene, machine: Machine, number: float, host: Host, prog
     patches = front_end.run_vertex_shader(scene)
     factors = front_end.tess_factors(scene.tessellation, patches, camera, viewport)
     stage = front_end.hull_input(scene, patches, packed, factors, camera, viewport)
+    stage = front_end.raise_silhouettes(scene, stage)
     flags = hull.flag_nonfinite(patches, stage.pyramids.whole)
     bounds = BOUNDS[machine.bounds](stage)
     hull.run_cull_tests(machine.cull, stage, bounds, flags)
-    hull.drop_culled(factors, flags)
-    patterns = make_patterns(factors, scene.tessellation.partitioning, front_end.WINDING)
+    hull.drop_culled(stage.factors, flags)
+    patterns = make_patterns(stage.factors, scene.tessellation.partitioning, front_end.WINDING)
     hull.flag_factors(patterns.of_patch, flags)
     live = hull.live_patches(flags)
     tally.count_patches(flags, patterns, live)
@@ -53,6 +54,10 @@ def render_frame(scene: Scene, machine: Machine, number: float, host: Host, prog
         tally.count_batch(geometry, bins.queue)
         progress((b + 1) / len(batches))
 
+    seconds = time.perf_counter() - start
+    report = verify.Report((), ())
+    if machine.verify:
+        report = verify.check_frame(scene, machine, number, host, (target.resolved, target.depth))
     return Frame(
         scene=scene.name,
         machine=machine,
@@ -63,5 +68,7 @@ def render_frame(scene: Scene, machine: Machine, number: float, host: Host, prog
         queues=tally.queues(),
         tiles=tally.tile_maps(),
         cores=tally.core_sums(),
-        seconds=time.perf_counter() - start,
+        seconds=seconds,
+        violations=report.violations,
+        false_culls=report.false_culls,
     )

@@ -11,6 +11,8 @@ from tiler.scene import Scene, load_scene
 
 Text = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
 
+TRUTH: dict[str, bool] = {"true": True, "false": False}
+
 
 @Parameter(name="*")
 @dataclass(frozen=True)
@@ -48,6 +50,8 @@ class MachineOptions:
     "Whether every tile shades a patch again, or it is shaded once a frame (patch binning)."
     cores: int | None = None
     "Simulated cores that the tiles are dealt out to."
+    verify: bool | None = None
+    "Check every bound and every cull against all patches, shaded, and the picture without culls."
 
 
 def open_scene(source: str, options: SceneOptions) -> Scene:
@@ -83,7 +87,7 @@ def parse_machine(text: str, options: MachineOptions) -> Machine:
         if key == "cull":
             fields[key] = parse_cull(value.replace("+", ","))
         else:
-            fields[key] = int(value) if value.lstrip("-").isdigit() else value
+            fields[key] = int(value) if value.lstrip("-").isdigit() else TRUTH.get(value, value)
     return make_machine(options, **fields)
 
 

@@ -87,6 +87,7 @@ class Tally:
         self.values |= {
             "hs_culled_nonfinite": int(culled[CullFlag.NONFINITE]),
             "hs_culled_frustum": int(culled[CullFlag.FRUSTUM]),
+            "hs_culled_backface": int(culled[CullFlag.BACKFACE]),
             "ts_culled_factor": int(culled[CullFlag.FACTOR]),
             "ts_patches": len(live),
             "ts_domain_points": int(np.diff(patterns.first_point)[used].sum()),

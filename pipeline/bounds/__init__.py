@@ -6,11 +6,18 @@ bounds each patch over its parametric domain. To add one: a module beside `cbox`
 
 from collections.abc import Callable
 
-from pipeline.bounds import cbox
+from pipeline.bounds import cbox, max_displacement, npatch, obbtex, taylor, tpatch, tpatch_tight
 from pipeline.types import HullInput, PatchBounds
 
 Bound = Callable[[HullInput], PatchBounds]
 
 BOUNDS: dict[str, Bound] = {
     "cbox": cbox.bound_patches,
+    "max_displacement": max_displacement.bound_patches,
+    "obbtex": obbtex.bound_patches,
+    "tpatch": tpatch.bound_patches,
+    "tpatch_tight": tpatch_tight.bound_patches,
+    "npatch": npatch.bound_patches,
+    "taylor": taylor.bound_patches,
+    "taylor_clamped": taylor.bound_patches_clamped,
 }

@@ -31,12 +31,15 @@ class Tessellation:
     factor : edge factors u=0, v=0, u=1, v=1, then inside u, v; used where edge_pixels is None.
     edge_pixels : wished length of a segment on the screen in pixels; factors then come from the control polygon of
         each edge, the same on both sides of a shared edge, and never exceed max_factor.
+    silhouette : factors are multiplied by this on patches that are neither wholly front- nor wholly back-facing, and on
+        the edges that they share; up to max_factor. 1: factors do not depend on silhouettes.
     """
 
     partitioning: Partitioning = "integer"
     factor: tuple[float, float, float, float, float, float] = (16.0,) * 6
     edge_pixels: float | None = None
     max_factor: float = 64.0
+    silhouette: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -90,6 +90,7 @@ class TessellationFile(Strict):
     factor: Factors = Field((16.0,) * 6, description=SIX_FACTORS)
     edge_pixels: float | None = between(None, 0.0, 16384.0, " (pixels)")
     max_factor: float = number(64.0, 1.0, 64.0)
+    silhouette: float = number(1.0, 1.0, 64.0, " (times the factors, on patches that may show an outline)")
 
     @model_validator(mode="after")
     def _one_policy(self) -> "TessellationFile":
