@@ -29,6 +29,7 @@ from tests.test_bounds import family_of, look, quad
 from tests.test_domain import IDENTITY, dome, make_one, pack, rational_patch, shade, smooth_patch
 from tests.test_primitives import assemble
 from tiler.config import Machine
+from tiler.validation import make_batch, make_stage
 
 BACKFACE = [name for name in CULL_TESTS if FLAG_OF[name] == CullFlag.BACKFACE]
 SMOOTH = [name for name in BACKFACE if name != "backface:tessellation_safe"]
@@ -725,3 +726,15 @@ def test_ndc_frustum_cull_is_not_conservative():
     cull_ndc(stage, some, one)
     CULL_TESTS["frustum"](stage, some, two)
     assert one[0] == CullFlag.FRUSTUM and two[0] == CullFlag.ALIVE
+
+
+# Found by the verifier: rational patches whose points nearly coincide, seen from afar. With unequal weights the products
+# of the tangent plane cancel to their own rounding noise, which once decided the cull.
+
+
+@pytest.mark.parametrize(("seed", "batch", "rows"), [(1, 24, (18, 130)), (11, 24, (82,)), (12, 76, (114, 162, 250))])
+def test_products_that_cancel_to_noise_decide_nothing(seed: int, batch: int, rows: tuple[int, ...]) -> None:
+    stage = make_stage(make_batch(seed, batch))
+    for name in ("backface:tangent_plane", "backface:tessellation_safe"):
+        facing = classify(stage, name)
+        assert all(facing[row] == Facing.SILHOUETTE for row in rows), name

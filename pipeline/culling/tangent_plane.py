@@ -13,7 +13,8 @@ Exact for the smooth patch; a coarse tessellation may still have a front-facing 
 Decision, P rule: no coefficient is above the noise and some is below it. So edges that collapse to a point (whose
 coefficients are zero) do not save a patch; a patch seen edge-on is a silhouette. The N rule (all 64 are below 0) never
 culls a patch with a collapsed edge. Noise: 1e-13 of the largest coefficient, for zeros that come out of cancelling
-products, and 1e-15 |a|^2 max|b - a|, for what the subtraction of the eye rounds.
+products, 1e-15 |a|^2 max|b - a|, for what the subtraction of the eye rounds, and 1e-12 |a| max|b - a|^2, for what the products
+themselves round: with unequal weights b - a is as large as a, however small the patch, and the products cancel.
 
 Patches are worked off in blocks of LANES, one lane each, so that every product is a short loop that vectorizes.
 """
@@ -62,7 +63,11 @@ def sum_products(x, y, z, t, normal):
 
 @helper
 def _load(cp, eye, lane, x, y, z):
-    """Put a patch's eye-relative control vectors into a lane; 1e-15 |a|^2 max|b - a|, NaN where a weight is <= 0."""
+    """Put a patch's eye-relative control vectors into a lane; the noise of its coefficients, NaN where a weight is <= 0.
+
+    A product's 10 roundings (2^-53) are relative to its 6 terms, each at most |a| (2 widest)^2; the greatest sum of |weight|
+    of a target is 9, and adding its 21 products rounds as often: below 9 * 24 * 31 * 2^-53 = 7.5e-13.
+    """
     ex, ey, ez = eye[0], eye[1], eye[2]
     largest = widest = 0.0
     fine = True
@@ -75,7 +80,7 @@ def _load(cp, eye, lane, x, y, z):
         x[k, lane], y[k, lane], z[k, lane] = px, py, pz
         largest = max(largest, abs(px), abs(py), abs(pz))
         widest = max(widest, abs(px - x[0, lane]), abs(py - y[0, lane]), abs(pz - z[0, lane]))
-    return 1e-15 * (largest * largest) * widest if fine else np.nan
+    return (1e-15 * largest + 1e-12 * widest) * (largest * widest) if fine else np.nan
 
 
 @helper

@@ -76,7 +76,7 @@ def _noise(q, rounding):
         for c in range(3):
             largest = max(largest, abs(q[k, c]))
             widest = max(widest, abs(q[k, c] - q[0, c]))
-    return 1e3 * rounding * largest * (widest + rounding) + 1e-13 * largest * widest * widest
+    return 1e3 * rounding * largest * (widest + rounding) + 1e-12 * largest * widest * widest
 
 
 @kernel
