@@ -20,7 +20,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +32,20 @@ PACKAGES = ("pipeline", "tiler")
 KEEP_DAYS = 30
 
 
-def _imports_of(path: Path, package: str) -> set[str]:
-    """Names of the modules of ours that the file at `path` imports (a name imported from a package may be a module)."""
+def _statements(body: list[ast.stmt]) -> Iterator[ast.stmt]:
+    """All statements of a body, those inside functions, classes and branches too; expressions are not looked into."""
+    for node in body:
+        yield node
+        for block in (node, *getattr(node, "handlers", ()), *getattr(node, "cases", ())):
+            for part in ("body", "orelse", "finalbody"):
+                yield from _statements(getattr(block, part, []))
+
+
+@functools.cache
+def _imports_of(source: bytes, package: str) -> frozenset[str]:
+    """Names of the modules of ours that a source imports (a name imported from a package may be a module)."""
     found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_bytes())):
+    for node in _statements(ast.parse(source).body):
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -45,7 +55,7 @@ def _imports_of(path: Path, package: str) -> set[str]:
                 base = ".".join(parents[: len(parents) - node.level + 1] + ([base] if base else []))
             found.add(base)
             found.update(f"{base}.{alias.name}" for alias in node.names)
-    return {name for name in found if name.split(".")[0] in PACKAGES}
+    return frozenset(name for name in found if name.split(".")[0] in PACKAGES)
 
 
 def _file_of(module: str, root: Path) -> Path | None:
@@ -66,7 +76,7 @@ def source_digest(path: Path, root: Path = ROOT) -> str:
             continue
         seen[file] = file.read_bytes()
         package = ".".join(file.relative_to(root).parent.parts) if file.is_relative_to(root) else ""
-        todo.extend(f for name in _imports_of(file, package) if (f := _file_of(name, root)) is not None)
+        todo.extend(f for name in _imports_of(seen[file], package) if (f := _file_of(name, root)) is not None)
     digest = hashlib.sha256(f"numba {numba.__version__}".encode())
     for file in sorted(seen):
         digest.update(file.name.encode() + b"\0" + seen[file] + b"\0")

@@ -156,7 +156,7 @@ def compare(
     else:
         machines = {name: make_machine(options, **fields) for name, fields in MACHINES.items()}
     with Progress(f"comparing on {opened.name}", len(machines), quiet) as bar:
-        warm_up()  # so that compiling or loading kernels is not charged to the first machine
+        warm_up(machines.values())  # so that compiling or loading kernels is not charged to the first machine
         comparison = run(opened, machines, frame=frame, threads=threads, progress=bar.update)
     same = comparison.same_picture()
     result: dict[str, Any] = {

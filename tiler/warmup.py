@@ -1,17 +1,25 @@
 """Compile every kernel once, on a picture of a few pixels, so that what follows is not slowed down by it."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 
+from pipeline.bounds import BOUNDS
+from pipeline.culling import CULL_TESTS
 from tiler.config import Machine
 from tiler.scene import load_scene
 from tiler.scene.model import Scene, Tessellation
 from tiler.simulation import simulate
 
 
-def warm_up() -> None:
-    """Run all kernels in the types that every scene uses; a second or less once they are in the disk cache."""
-    scene = load_scene("teapot", size=(16, 16), samples=4)
-    simulate(_few_patches(scene), Machine(binning="patch"), threads=1)
+def warm_up(machines: Iterable[Machine] = ()) -> None:
+    """Run every kernel of a frame, and the bounds and cull tests of the machines; of all there are by default.
+
+    A second or less for a machine once its kernels are in the disk cache.
+    """
+    scene = _few_patches(load_scene("teapot", size=(16, 16), samples=4))
+    chosen = list(machines) or [Machine(bounds=name) for name in BOUNDS] + [Machine(cull=(name,)) for name in CULL_TESTS]
+    for bounds, cull in dict.fromkeys((machine.bounds, machine.cull) for machine in chosen):
+        simulate(scene, Machine(bounds=bounds, cull=cull), threads=1)
 
 
 def _few_patches(scene: Scene) -> Scene:
