@@ -17,7 +17,9 @@ def warm_up(machines: Iterable[Machine] = ()) -> None:
     A second or less for a machine once its kernels are in the disk cache.
     """
     scene = _few_patches(load_scene("teapot", size=(16, 16), samples=4))
-    chosen = list(machines) or [Machine(bounds=name) for name in BOUNDS] + [Machine(cull=(name,)) for name in CULL_TESTS]
+    chosen = list(machines) or [Machine(bounds=name) for name in BOUNDS] + [
+        Machine(cull=(name,)) for name in CULL_TESTS
+    ]
     for bounds, cull in dict.fromkeys((machine.bounds, machine.cull) for machine in chosen):
         simulate(scene, Machine(bounds=bounds, cull=cull), threads=1)
 

@@ -13,8 +13,9 @@ Exact for the smooth patch; a coarse tessellation may still have a front-facing 
 Decision, P rule: no coefficient is above the noise and some is below it. So edges that collapse to a point (whose
 coefficients are zero) do not save a patch; a patch seen edge-on is a silhouette. The N rule (all 64 are below 0) never
 culls a patch with a collapsed edge. Noise: 1e-13 of the largest coefficient, for zeros that come out of cancelling
-products, 1e-15 |a|^2 max|b - a|, for what the subtraction of the eye rounds, and 1e-12 |a| max|b - a|^2, for what the products
-themselves round: with unequal weights b - a is as large as a, however small the patch, and the products cancel.
+products, and 1e-15 |a|^2 max|b - a|, for what the subtraction of the eye rounds. Where weights differ also 1e-12 |a|
+max|b - a|^2, for what the products round: b - a is then as large as a, however small the patch, and products cancel. There
+a coefficient within the noise may have either sign; unless it is exactly zero it makes the patch a silhouette.
 
 Patches are worked off in blocks of LANES, one lane each, so that every product is a short loop that vectorizes.
 """
@@ -63,7 +64,8 @@ def sum_products(x, y, z, t, normal):
 
 @helper
 def _load(cp, eye, lane, x, y, z):
-    """Put a patch's eye-relative control vectors into a lane; the noise of its coefficients, NaN where a weight is <= 0.
+    """Put a patch's eye-relative control vectors into a lane. The noise of its coefficients, NaN where a weight is <= 0,
+    and whether its weights differ.
 
     A product's 10 roundings (2^-53) are relative to its 6 terms, each at most |a| (2 widest)^2; the greatest sum of |weight|
     of a target is 9, and adding its 21 products rounds as often: below 9 * 24 * 31 * 2^-53 = 7.5e-13.
@@ -71,21 +73,28 @@ def _load(cp, eye, lane, x, y, z):
     ex, ey, ez = eye[0], eye[1], eye[2]
     largest = widest = 0.0
     fine = True
+    uneven = False
     for k in range(16):
         i, j = k >> 2, k & 3
         w = np.float64(cp[i, j, 3])
+        if cp[i, j, 3] != cp[0, 0, 3]:
+            uneven = True
         if not w > 0.0:
             fine = False
         px, py, pz = cp[i, j, 0] - w * ex, cp[i, j, 1] - w * ey, cp[i, j, 2] - w * ez
         x[k, lane], y[k, lane], z[k, lane] = px, py, pz
         largest = max(largest, abs(px), abs(py), abs(pz))
         widest = max(widest, abs(px - x[0, lane]), abs(py - y[0, lane]), abs(pz - z[0, lane]))
-    return (1e-15 * largest + 1e-12 * widest) * (largest * widest) if fine else np.nan
+    noise = (1e-15 * largest + (1e-12 * widest if uneven else 0.0)) * (largest * widest)
+    return noise if fine else np.nan, uneven
 
 
 @helper
-def _count(t, noise, negative, positive):
-    """Numbers of coefficients of e . T = -t below and above the noise, in each lane; 0 and 0 where one is not finite."""
+def _count(t, noise, uneven, negative, positive):
+    """Numbers of coefficients of e . T = -t below and above the noise, in each lane; 0 and 0 where one is not finite.
+
+    Where weights differ, one within the noise but not zero counts as both.
+    """
     for lane in range(LANES):
         largest = total = 0.0
         for k in range(64):
@@ -95,21 +104,22 @@ def _count(t, noise, negative, positive):
         negative[lane] = positive[lane] = 0
         if abs(total) < np.inf and noise[lane] >= 0.0:  # else nothing is known
             for k in range(64):
-                negative[lane] += t[k, lane] > tolerance
-                positive[lane] += t[k, lane] < -tolerance
+                doubtful = uneven[lane] and abs(t[k, lane]) <= tolerance and t[k, lane] != 0.0
+                negative[lane] += doubtful or t[k, lane] > tolerance
+                positive[lane] += doubtful or t[k, lane] < -tolerance
 
 
 @kernel
 def _sign_counts(control_points, eye, numbers, out):
     x, y, z = np.zeros((16, LANES)), np.zeros((16, LANES)), np.zeros((16, LANES))
     t, normal, noise = np.empty((64, LANES)), np.empty((3, LANES)), np.empty(LANES)
-    negative, positive = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
+    negative, positive, uneven = np.empty(LANES, np.int64), np.empty(LANES, np.int64), np.zeros(LANES, np.bool_)
     for first in range(0, len(numbers), LANES):
         n = min(LANES, len(numbers) - first)
         for lane in range(n):
-            noise[lane] = _load(control_points[numbers[first + lane]], eye, lane, x, y, z)
+            noise[lane], uneven[lane] = _load(control_points[numbers[first + lane]], eye, lane, x, y, z)
         sum_products(x, y, z, t, normal)
-        _count(t, noise, negative, positive)
+        _count(t, noise, uneven, negative, positive)
         for lane in range(n):
             out[first + lane, 0], out[first + lane, 1] = negative[lane], positive[lane]
 
