@@ -93,3 +93,9 @@ def test_factors_of_silhouettes_do_not_depend_on_the_machine() -> None:
     ]
     for frame in frames[1:]:
         assert np.array_equal(frame.color, frames[0].color) and np.array_equal(frame.depth, frames[0].depth)
+
+
+def test_the_verifier_knows_of_raised_factors() -> None:
+    scene = tiler.load_scene("teapot", size=(160, 90), factor=4)
+    scene = replace(scene, tessellation=replace(scene.tessellation, silhouette=3.0))
+    assert tiler.simulate(scene, tiler.Machine(verify=True)).violations == ()

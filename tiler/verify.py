@@ -540,12 +540,13 @@ def check_frame(
     patches = front_end.run_vertex_shader(scene)
     factors = front_end.tess_factors(scene.tessellation, patches, camera, viewport)
     stage = front_end.hull_input(scene, patches, packed, factors, camera, viewport)
+    stage = front_end.raise_silhouettes(scene, stage)
     flags = hull.flag_nonfinite(patches, stage.pyramids.whole)
     broken = flags.copy()
     bounds = BOUNDS[machine.bounds](stage)
     culled_by = run_each_cull(machine.cull, stage, bounds, flags)
-    hull.drop_culled(factors, broken)
-    patterns = make_patterns(factors, scene.tessellation.partitioning, front_end.WINDING)
+    hull.drop_culled(stage.factors, broken)
+    patterns = make_patterns(stage.factors, scene.tessellation.partitioning, front_end.WINDING)
     live = np.flatnonzero((broken == 0) & (patterns.of_patch >= 0)).astype(np.int32)
 
     violations: list[Violation] = []
