@@ -67,13 +67,35 @@ class Pyramids(NamedTuple):
 
 
 class Patches(NamedTuple):
-    """Bicubic Bezier patches. The vertex stage reads them in object space and writes them in world space."""
+    """Bicubic patches as the hull stage's control-point phase leaves them, world space.
+
+    Three kinds. Bezier (both ids -1): the normal is that of the derivatives. ACC (`tangent_id`): positions as Bezier, the
+    normal is that of two tangent patches of bi-degree (2, 3) and (3, 2). Gregory (`gregory_id`): each inner control point
+    is a quotient of two given points, which depends on (u, v); `control_points` holds their mean there.
+    """
 
     control_points: F32  # (P, 4, 4, 4) homogeneous (wx, wy, wz, w), [p, i, j]: i along u, j along v
     rational: U8  # (P,) 1 where some control point has w != 1
     texcoords: F32  # (P, 4, 2) (s, t) at (u, v) = (0,0) (1,0) (0,1) (1,1)
     map_id: I32  # (P,) displacement map, -1 = not displaced
     object_id: I32  # (P,) the object that the patch belongs to
+    tangent_id: I32  # (P,) row of the patch in tangent_u and tangent_v, -1 = its tangents are its derivatives
+    gregory_id: I32  # (P,) row of the patch in inner, -1 = it is a Bezier patch
+    tangent_u: F32  # (A, 3, 4, 3) control vectors of bi-degree (2, 3), [a, i, j]: i along u, j along v
+    tangent_v: F32  # (A, 4, 3, 3) control vectors of bi-degree (3, 2)
+    inner: F32  # (G, 4, 2, 3) f+ and f- of the corners (u, v) = (0,0) (1,0) (1,1) (0,1)
+
+    def take(self, rows: I32 | I64) -> "Patches":
+        """The patches of these numbers, in this order; the tables of tangents and inner points stay whole."""
+        return self._replace(
+            control_points=self.control_points[rows],
+            rational=self.rational[rows],
+            texcoords=self.texcoords[rows],
+            map_id=self.map_id[rows],
+            object_id=self.object_id[rows],
+            tangent_id=self.tangent_id[rows],
+            gregory_id=self.gregory_id[rows],
+        )
 
 
 class TessFactors(NamedTuple):

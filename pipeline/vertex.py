@@ -30,6 +30,18 @@ def transform_control_points(control_points: F32, object_id: I32, transforms: F3
 
 
 def make_patches(control_points: F32, texcoords: F32, map_id: I32, object_id: I32) -> Patches:
-    """Patches from world-space control points; marks the rational ones."""
+    """Bezier patches from world-space control points; marks the rational ones."""
     rational = (control_points[..., 3] != 1).any(axis=(1, 2)).astype(np.uint8)
-    return Patches(control_points, rational, texcoords, map_id, object_id)
+    none = np.full(len(control_points), -1, np.int32)
+    return Patches(
+        control_points=control_points,
+        rational=rational,
+        texcoords=texcoords,
+        map_id=map_id,
+        object_id=object_id,
+        tangent_id=none,
+        gregory_id=none.copy(),
+        tangent_u=np.empty((0, 3, 4, 3), np.float32),
+        tangent_v=np.empty((0, 4, 3, 3), np.float32),
+        inner=np.empty((0, 4, 2, 3), np.float32),
+    )

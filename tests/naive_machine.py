@@ -29,6 +29,7 @@ from pipeline.types import (
     TessFactors,
     Viewport,
 )
+from pipeline.vertex import make_patches
 from tests.naive import SAMPLE_OFFSETS
 from tests.naive_primitives import NaiveTriangle, naive_assemble, twice_area
 from tiler.config import Machine
@@ -107,8 +108,7 @@ class NaiveMachine:
                     for r in range(3):
                         world[0, i, j, r] = ((m[r, 0] * x + m[r, 1] * y) + m[r, 2] * z) + m[r, 3] * w
                     world[0, i, j, 3] = w
-        rational = np.array([any(w != 1 for w in world[..., 3].flat)], np.uint8)
-        return Patches(world, rational, scene.texcoords[p : p + 1], scene.map_id[p : p + 1], scene.object_id[p : p + 1])
+        return make_patches(world, scene.texcoords[p : p + 1], scene.map_id[p : p + 1], scene.object_id[p : p + 1])
 
     def finite(self, patch: Patches) -> bool:
         values = list(patch.control_points.flat)

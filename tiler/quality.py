@@ -24,7 +24,6 @@ from pipeline.types import (
     DomainPoints,
     HullInput,
     PatchBounds,
-    Patches,
     Patterns,
     TessFactors,
     Viewport,
@@ -55,10 +54,8 @@ def split_domains(stage: HullInput, splits: int) -> HullInput:
     ends = np.arange(parts + 1) / parts
     cells = [[ends[i], ends[i + 1], ends[j], ends[j + 1]] for i in range(parts) for j in range(parts)]
     repeat = np.repeat(np.arange(n), len(cells))
-    p, f = stage.patches, stage.factors
-    patches = Patches(
-        p.control_points[repeat], p.rational[repeat], p.texcoords[repeat], p.map_id[repeat], p.object_id[repeat]
-    )
+    f = stage.factors
+    patches = stage.patches.take(repeat)
     factors = TessFactors(f.edge[repeat], f.inside[repeat])
     return stage._replace(patches=patches, factors=factors, domain=np.tile(np.array(cells), (n, 1)))
 

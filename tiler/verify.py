@@ -462,8 +462,7 @@ def facing(stage: HullInput, rows: I32, maps: DisplacementMaps, host: Host) -> t
     cosine, where = np.full(n, -1.0), np.zeros((n, 2))
     if n == 0:
         return cosine, where
-    chosen: list[Any] = [a[rows] for a in stage.patches]
-    some = Patches(*chosen)
+    some = stage.patches.take(rows)
     grid = grid_patterns(n, stage.domain[rows], DENSE)
     uv = grid.uv.reshape(2, n, -1).transpose(1, 2, 0).astype(np.float64)
     sign = -1.0 if stage.face_cull == int(FaceCull.FRONT) else 1.0

@@ -121,8 +121,7 @@ def gather_parts(stage: HullInput, patch: I32, domain: F64) -> HullInput:
 
     patch : int32[n]. domain : float64[n, 4]. Everything else is the stage's.
     """
-    rows: list[Any] = [a[patch] for a in stage.patches]
-    patches = Patches(*rows)
+    patches = stage.patches.take(patch)
     flat = np.zeros(len(patch), np.uint8)
     _find_flat(stage.maps, stage.pyramids, patches.map_id, patches.texcoords, domain, flat)
     patches = patches._replace(map_id=np.where(flat, -1, patches.map_id).astype(np.int32))
