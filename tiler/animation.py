@@ -19,6 +19,7 @@ from tiler.config import Machine
 from tiler.files import make_folder, write_json, write_npy, write_png
 from tiler.frame import Frame
 from tiler.host import available_threads
+from tiler.queue_models import load_queue_model
 from tiler.scene.model import Scene
 from tiler.simulation import check_request, simulate
 
@@ -27,6 +28,7 @@ def frame_key(scene: Scene, machine: Machine, number: float) -> str:
     """Digest of all that a frame depends on."""
     digest = hashlib.sha256(f"{__version__} {source_digest(Path(__file__).resolve())} {number!r}".encode())
     digest.update(machine.model_dump_json().encode())
+    digest.update(load_queue_model(machine.queue_model).model_dump_json().encode())
     _digest_value(digest, scene)
     return digest.hexdigest()
 

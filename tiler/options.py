@@ -50,6 +50,12 @@ class MachineOptions:
     "Whether every tile shades a patch again, or it is shaded once a frame (patch binning)."
     cores: int | None = None
     "Simulated cores that the tiles are dealt out to."
+    queue_model: Text = None
+    "How tile queues lie in memory: a name or a .toml file."
+    queue_pool: int | None = None
+    "Bytes that the queues may take."
+    queue_policy: Literal["grow", "flush", "fail"] | None = None
+    "What happens where the queues' memory is full."
     verify: bool | None = None
     "Check every bound and every cull against all patches, shaded, and the picture without culls."
 
