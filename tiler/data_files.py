@@ -22,13 +22,18 @@ def model_names(kind: str) -> tuple[str, ...]:
     return tuple(sorted(file.stem for file in (FOLDER / kind).glob("*.toml")))
 
 
-def model_path(kind: str, source: str, field: str) -> Path:
-    """The file of a model: of a name, or the file that a text ending in .toml names. Raises TilerError for `field`."""
+def load_model(kind: str, source: str, schema: type[Schema], field: str) -> Schema:
+    """A shipped model by name, or the file that a text ending in .toml names. Raises TilerError; `field` is who asks."""
     if source.endswith(".toml"):
-        return Path(source)
+        return read_model(Path(source), schema)
     if source not in model_names(kind):
         raise TilerError(f"{field}: {source!r} is unknown; {unknown_name(source, [*model_names(kind), 'FILE.toml'])}")
-    return FOLDER / kind / f"{source}.toml"
+    return _shipped(FOLDER / kind / f"{source}.toml", schema)
+
+
+@cache
+def _shipped(file: Path, schema: type[Schema]) -> Schema:
+    return read_model(file, schema)
 
 
 def read_model(file: Path, schema: type[Schema]) -> Schema:

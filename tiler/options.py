@@ -116,6 +116,14 @@ def parse_factor(text: str) -> float | tuple[float, ...]:
     return values[0] if len(values) == 1 else values
 
 
+def parse_factors(text: str) -> list[float]:
+    """Tessellation factors from a list such as 2,4,8."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise TilerError(f"factors: {text!r} is not allowed; allowed: numbers separated by commas") from None
+
+
 def parse_cull(text: str) -> tuple[str, ...]:
     """Names of cull tests."""
     return () if text == "none" else tuple(part.strip() for part in text.split(","))

@@ -13,13 +13,11 @@ Sides of levels are in tiles of the machine, so a model keeps its structure at a
 machine has, and what `Machine(queue_model=...)` takes when it is not told another.
 """
 
-from functools import cache
-from pathlib import Path
 from typing import Literal
 
 from pydantic import Field, model_validator
 
-from tiler.data_files import model_names, model_path, read_model
+from tiler.data_files import load_model, model_names
 from tiler.scene.strict import Faults, Strict, whole
 
 KIND = "queue_models"
@@ -125,7 +123,6 @@ def queue_model_names() -> tuple[str, ...]:
     return model_names(KIND)
 
 
-@cache
-def load_queue_model(source: str, field: str = "queue_model") -> QueueModel:
-    """A shipped model by name, or a file by its path (ending in .toml). Raises TilerError; `field` is who asks."""
-    return read_model(Path(model_path(KIND, source, field)), QueueModel)
+def load_queue_model(source: str) -> QueueModel:
+    """A shipped model by name, or a file by its path (ending in .toml). Raises TilerError."""
+    return load_model(KIND, source, QueueModel, "queue_model")

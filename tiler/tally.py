@@ -1,7 +1,5 @@
 """The tally of a frame: adds up what its stages report, and turns it into counters, queues and per-tile maps."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from pipeline.jit import kernel
@@ -10,7 +8,6 @@ from pipeline.types import I32, I64, U8, CullFlag, Patterns
 from tiler.binning import TileQueues
 from tiler.config import Machine
 from tiler.counters import Counters
-from tiler.errors import TilerError, unknown_name
 from tiler.front_end import Geometry
 from tiler.grid import Grid
 from tiler.queue_memory import QueueReport
@@ -43,14 +40,6 @@ TILE_COUNTERS = {
     "ps_invocations": TileCount.PS_INVOCATIONS,
     "ps_helper_invocations": TileCount.PS_HELPERS,
 }
-
-
-def check_heatmaps(names: Sequence[str]) -> list[str]:
-    """The names, if each is a per-tile counter. Raises TilerError otherwise."""
-    for name in names:
-        if name not in TILE_COUNTERS:
-            raise TilerError(f"heatmap: {name!r} is not a per-tile counter; {unknown_name(name, TILE_COUNTERS)}")
-    return list(names)
 
 
 @kernel
