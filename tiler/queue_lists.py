@@ -3,7 +3,7 @@
 An *item* is what is binned: a triangle, a patch, a sub-domain. Its entries, one a tile, are appended in submit order, item
 after item, and an item is whole or not at all: where its chunks and records do not fit into the pool any more, the pool
 grows (to twice its size, as often as needed), or all queues are worked off first and start empty again (a new *pass*), or
-that is the end. Time is linear in the entries, memory 40 bytes a list, whatever the number of entries or passes.
+that is the end. Time is linear in the entries, memory 32 bytes a list, whatever the number of entries or passes.
 """
 
 from enum import IntEnum
