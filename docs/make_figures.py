@@ -16,9 +16,12 @@ from pydantic import BaseModel
 import tiler
 from tiler.comparison import MACHINES, compare
 from tiler.config import Machine
+from tiler.cost_model import break_even, break_even_text, cost_model_names, load_cost_model
 from tiler.counters import DEFINITIONS
 from tiler.files import write_bytes, write_png
+from tiler.heatmaps import heatmap_picture
 from tiler.quality import quality_table
+from tiler.queue_models import load_queue_model, queue_model_names
 from tiler.scene import schema
 from tiler.scene.builders import BUILDERS
 
@@ -65,10 +68,22 @@ def queues_picture() -> Image.Image:
     return strip([tiler.simulate(scene, machine).heatmap("queue_entries") for machine in machines], 2)
 
 
+def heatmaps_picture() -> Image.Image:
+    """docs/cost-model.md: overlap of two bounds, and overdraw of two scenes."""
+    waves, colonnade = (tiler.load_scene(name, size=(480, 270)) for name in ("waves", "colonnade"))
+    cases = (
+        (waves, "cbox", "bounds_overlap"), (waves, "tpatch", "bounds_overlap"), (waves, "cbox", "overdraw"),
+        (colonnade, "cbox", "overdraw"),
+    )  # fmt: skip
+    frames = [(scene, tiler.simulate(scene, tiler.Machine(bounds=bounds)), name) for scene, bounds, name in cases]
+    return strip([heatmap_picture(*case) for case in frames], 2)
+
+
 PICTURES: dict[str, Callable[[], Image.Image]] = {
     "scenes": scenes_picture,
     "shadings": shadings_picture,
     "queues": queues_picture,
+    "heatmaps": heatmaps_picture,
 }
 
 
@@ -143,11 +158,86 @@ def quality_rows() -> str:
     return "\n".join(lines)
 
 
+def aligned_table(head: list[str], rows: list[list[str]]) -> str:
+    """A table whose columns but the first are numbers."""
+    lines = ["| " + " | ".join(head) + " |", "| --- |" + " ---: |" * (len(head) - 1)]
+    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
+
+
+def queue_models_table() -> str:
+    """docs/queue-memory.md: the models that are shipped."""
+    lines = ["| model | tile | lists | source |", "| --- | ---: | --- | --- |"]
+    for name in queue_model_names():
+        model = load_queue_model(name)
+        lines.append(f"| `{name}` | {model.tile} | {model.title} | {model.source} |")
+    return "\n".join(lines)
+
+
+def queue_memory_table() -> str:
+    """docs/queue-memory.md: memory of one frame by every model."""
+    scene = tiler.load_scene("waves", size=SIZE, factor=16)
+    head = ["binning, model", "written", "read", "peak", "wasted", "chunks", "50 %", "99 %", "longest", "by patch"]
+    rows = []
+    for binning in ("triangle", "patch"):
+        for name in queue_model_names():
+            frame = tiler.simulate(scene, Machine(binning=binning, queue_model=name))
+            m = frame.queues.memory
+            numbers = (m.bytes_written, m.bytes_read, m.peak_bytes, m.wasted_bytes, m.chunks)
+            ends = (m.percentiles[50], m.percentiles[99], frame.counters["queue_longest"])
+            cells = [f"{n:,}" for n in (*numbers, *ends)] + [str(m.longest_patch)]
+            rows.append([f"{binning}, `{name}`", *cells])
+    return aligned_table(head, rows)
+
+
+def queue_pools_table() -> str:
+    """docs/queue-memory.md: a frame whose pool is too small."""
+    scene = tiler.load_scene("waves", size=SIZE, factor=16)
+    names = ("queue_peak_bytes", "queue_bytes_written", "queue_flushes", "queue_tile_passes", "om_spilled_bytes")
+    rows = []
+    for binning in ("triangle", "patch"):
+        needed = tiler.simulate(scene, Machine(binning=binning)).counters["queue_peak_bytes"]
+        for part in (1, 2, 8, 32):
+            machine = Machine(binning=binning, queue_pool=-(-needed // part), queue_policy="flush")
+            counters = tiler.simulate(scene, machine).counters
+            rows.append([f"{binning}, 1/{part} of what is needed", *(f"{counters[name]:,}" for name in names)])
+    return aligned_table(["binning, pool", *(f"`{name}`" for name in names)], rows)
+
+
+def cost_models_table() -> str:
+    """docs/cost-model.md: the models that are shipped."""
+    lines = ["| model | what | source |", "| --- | --- | --- |"]
+    for name in cost_model_names():
+        model = load_cost_model(name)
+        lines.append(f"| `{name}` | {model.title} | {model.source} |")
+    return "\n".join(lines)
+
+
+def break_even_rows() -> str:
+    """docs/cost-model.md: where machines become cheaper than the baseline."""
+    machines = {
+        "triangle": Machine(binning="triangle", cull=()),
+        "triangle, frustum by cbox": Machine(binning="triangle"),
+        "patch, cbox, frame cache": Machine(domain_cache="frame"),
+        "patch, npatch, frame cache": Machine(bounds="npatch", domain_cache="frame"),
+        "patch, cbox, no cache": Machine(),
+    }
+    found = break_even(tiler.load_scene("colonnade", size=SIZE), machines, (1, 2, 4, 8))
+    columns = [found.costs(name) for name in machines]
+    rows = [[f"{f:g}", *(f"{column[k]:,.0f}" for column in columns)] for k, f in enumerate(found.factors)]
+    pays = [break_even_text(found, name) for name in machines][1:]
+    return aligned_table(["factor", *machines], [*rows, ["pays from", "", *pays]])
+
+
 TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
     "counters": (ROOT / "README.md", counters_table),
     "quality": (ROOT / "docs" / "bounds.md", quality_rows),
     "scene keys": (ROOT / "docs" / "scenes.md", scene_keys_table),
     "builders": (ROOT / "docs" / "scenes.md", builders_table),
+    "queue models": (ROOT / "docs" / "queue-memory.md", queue_models_table),
+    "queue memory": (ROOT / "docs" / "queue-memory.md", queue_memory_table),
+    "queue pools": (ROOT / "docs" / "queue-memory.md", queue_pools_table),
+    "cost models": (ROOT / "docs" / "cost-model.md", cost_models_table),
+    "break even": (ROOT / "docs" / "cost-model.md", break_even_rows),
     "definitions": (ROOT / "docs" / "counters.md", definitions_table),
 }
 

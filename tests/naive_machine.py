@@ -32,8 +32,10 @@ from pipeline.types import (
 from pipeline.vertex import make_patches
 from tests.naive import SAMPLE_OFFSETS
 from tests.naive_primitives import NaiveTriangle, naive_assemble, twice_area
+from tests.naive_queue_memory import NaiveQueueMemory
 from tiler.config import Machine
 from tiler.counters import DEFINITIONS
+from tiler.queue_models import load_queue_model
 from tiler.scene.camera import Camera, camera_at
 from tiler.scene.model import Scene
 
@@ -289,6 +291,7 @@ class NaiveMachine:
                 self.count("queue_entries")
                 self.rasterize(triangle)
         self.counters["queue_longest"] = max(map(len, queues))
+        self.count_memory([(t.patch, queued_in(t, queues), t.vertices) for t in kept])
         # Layout of tiler/queues.py: an entry 4 bytes, a triangle 12, a vertex 28.
         self.counters["queue_bytes"] = 4 * sum(map(len, queues)) + 12 * len(kept) + 28 * len(vertices)
 
@@ -315,8 +318,28 @@ class NaiveMachine:
                     else:
                         self.count("su_culled_outside_tile")
         self.counters["queue_longest"] = max(map(len, queues))
+        self.count_memory([(p, queued_in((p, patch), queues), []) for p, patch, _ in alive])
         # Layout of tiler/queues.py: an entry 4 bytes, the factors of a patch that is queued anywhere 24.
         self.counters["queue_bytes"] = 4 * sum(map(len, queues)) + 24 * self.counters["bin_patches"]
+
+    def count_memory(self, items: list[tuple[int, list[int], list]]) -> None:
+        """Lay the queues out by the machine's queue model. items : patch, tiles and shared records of each, in order."""
+        m = self.machine
+        memory = NaiveQueueMemory(
+            load_queue_model(m.queue_model), m.binning, self.tiles_x, self.tiles_y, pool=m.queue_pool,
+            policy=m.queue_policy or "",
+        )  # fmt: skip
+        for number, (p, tiles, shared) in enumerate(items):
+            memory.append(number, p, [(t % self.tiles_x, t // self.tiles_x) for t in tiles], shared)
+        memory.finish()
+        width, height = self.viewport.width, self.viewport.height
+        for name, value in memory.counters(m.tile, width, height, self.scene.picture.samples).items():
+            self.count(name, value)
+
+
+def queued_in(item: object, queues: list[list]) -> list[int]:
+    """The tiles whose queue holds this very item."""
+    return [tile for tile, queue in enumerate(queues) if any(held is item or held == item for held in queue)]
 
 
 def simulate_naively(scene: Scene, machine: Machine, frame: float = 0) -> NaiveFrame:

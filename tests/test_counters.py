@@ -86,6 +86,14 @@ def runs(load) -> list[Run]:
             machine = Machine(tile=16, binning=binning, domain_cache=cache, cull=cull, cores=5)
             frame = tiler.simulate(scene, machine, threads=1)
             made.append(Run(f"{name}, {binning}, cache {cache}, cull {cull}", scene, machine, frame))
+    for (binning, cache), policy in product(BINNING, ("flush", "grow")):  # pools that are full
+        machine = Machine(tile=16, binning=binning, domain_cache=cache, queue_pool=50_000, queue_policy=policy,
+                          queue_model="blocks64", cores=5)  # fmt: skip
+        scene = load("teapot", size=(104, 60), factor=3)
+        if binning == "triangle":
+            machine = machine.model_copy(update={"queue_pool": 90_000})
+        frame = tiler.simulate(scene, machine, threads=1)
+        made.append(Run(f"teapot, {binning}, cache {cache}, pool {policy}", scene, machine, frame))
     return made
 
 
@@ -121,6 +129,20 @@ def test_pairs_are_queue_entries(runs):
         assert c["bin_patches"] <= c["bin_patch_tile_pairs"] <= c["bin_patches"] * entries.size, run.what
         height, width = run.frame.depth.shape
         assert entries.shape == (-(-height // 16), -(-width // 16)) and entries.dtype == np.int64
+
+
+def test_queue_memory_is_written_or_wasted(runs):
+    for run in runs:
+        c, memory = run.frame.counters, run.frame.queues.memory
+        given = c["queue_bytes_written"] + c["queue_wasted_bytes"]
+        balance(run, "bytes given out", memory.allocated_bytes, given)
+        if c["queue_flushes"] == 0:
+            balance(run, "peak of one pass", given, c["queue_peak_bytes"])
+            balance(run, "tiles with a queue", np.count_nonzero(run.frame.queues.entries), c["queue_tile_passes"])
+        if run.machine.queue_model == "ideal":
+            balance(run, "bytes of the ideal", c["queue_bytes"], c["queue_bytes_written"])
+        if run.machine.queue_policy == "flush":
+            assert c["queue_flushes"] > 0 and c["queue_peak_bytes"] <= run.machine.queue_pool, run.what
 
 
 def test_queue_bytes_follow_the_stated_layout(runs):

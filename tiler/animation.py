@@ -18,7 +18,9 @@ from tiler import __version__
 from tiler.config import Machine
 from tiler.files import make_folder, write_json, write_npy, write_png
 from tiler.frame import Frame
+from tiler.heatmaps import heatmap_picture
 from tiler.host import available_threads
+from tiler.queue_models import load_queue_model
 from tiler.scene.model import Scene
 from tiler.simulation import check_request, simulate
 
@@ -27,6 +29,7 @@ def frame_key(scene: Scene, machine: Machine, number: float) -> str:
     """Digest of all that a frame depends on."""
     digest = hashlib.sha256(f"{__version__} {source_digest(Path(__file__).resolve())} {number!r}".encode())
     digest.update(machine.model_dump_json().encode())
+    digest.update(load_queue_model(machine.queue_model).model_dump_json().encode())
     _digest_value(digest, scene)
     return digest.hexdigest()
 
@@ -91,7 +94,7 @@ def render_to_folder(
             write_png(folder / f"color{suffix}.png", frame.image())
             write_npy(folder / f"depth{suffix}.npy", frame.depth)
             for name in heatmaps:
-                write_png(folder / f"{name}{suffix}.png", frame.heatmap(name))
+                write_png(folder / f"{file_name(name)}{suffix}.png", heatmap_picture(scene, frame, name))
             if suffix:
                 write_json(ledger, {"key": key} | record)
         records.append(record)
@@ -105,13 +108,18 @@ def render_result(scene: Scene, machine: Machine, records: Sequence[dict[str, An
     return {"scene": scene.name, "machine": machine.model_dump(mode="json"), "frames": list(records)}
 
 
+def file_name(heatmap: str) -> str:
+    """A map's name as a file's: without a colon."""
+    return heatmap.replace(":", "_")
+
+
 def _offset(progress: Callable[[float], None], done: int) -> Callable[[float], None]:
     return lambda part: progress(done + part)
 
 
 def _finished(folder: Path, ledger: Path, key: str, suffix: str, heatmaps: Sequence[str]) -> dict[str, Any] | None:
     """The record of a frame that an earlier call has left whole, else None."""
-    pictures = [f"color{suffix}.png", f"depth{suffix}.npy", *(f"{name}{suffix}.png" for name in heatmaps)]
+    pictures = [f"color{suffix}.png", f"depth{suffix}.npy", *(f"{file_name(name)}{suffix}.png" for name in heatmaps)]
     if not all((folder / name).is_file() for name in pictures):
         return None
     try:

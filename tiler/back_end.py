@@ -44,6 +44,14 @@ def bin_batch(live: I32, geometry: Geometry, bounds: PatchBounds, machine: Machi
     return Bins(bin_boxes(np.arange(len(live) + 1, dtype=np.int64), seen, box, grid, host), by_triangle)
 
 
+def cut_bins(bins: Bins, parts: list[TileQueues]) -> list[Bins]:
+    """The bins of each pass of a batch; parts : its queues, cut where a new pass begins."""
+    if len(parts) == 1:
+        return [bins]
+    by_triangle = bins.queue is bins.triangles
+    return [Bins(part, part if by_triangle else bins.triangles) for part in parts]
+
+
 def _patch_work(queues: TileQueues, geometry: Geometry, machine: Machine) -> PatchWork:
     """What each patch of the batch costs a tile that has it queued."""
     domain_points = np.diff(geometry.points.first)

@@ -6,7 +6,7 @@ Exit status: 0 fine, 1 a check failed, 2 bad input, 130 interrupted.
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
 from cyclopts import App, CycloptsError, Parameter
 
@@ -17,9 +17,13 @@ from tiler.options import (
     SceneOptions,
     make_machine,
     open_scene,
+    parse_factors,
     parse_frames,
     parse_machine,
 )
+
+if TYPE_CHECKING:
+    from tiler.config import Machine
 
 app = App(
     name="tiler",
@@ -80,7 +84,8 @@ def render(
     frames
         Several frames instead: FIRST..LAST, or numbers separated by commas.
     heatmap
-        Per-tile counters to draw as pictures beside the others, separated by commas, such as queue_entries.
+        Maps to draw as pictures with a scale beside the others, separated by commas: per-tile counters such as
+        queue_entries, queue_bytes, wasted_samples, and per pixel overdraw, depth_complexity, bounds_overlap.
     threads
         Threads of this computer to use; all by default. The result does not depend on it.
     json
@@ -89,8 +94,8 @@ def render(
         No table and no progress.
     """
     from tiler.animation import render_result, render_to_folder
+    from tiler.heatmaps import check_heatmaps
     from tiler.progress import Progress
-    from tiler.tally import check_heatmaps
 
     numbers: list[Any] = [frame] if frames is None else list(parse_frames(frames))
     names = check_heatmaps([] if heatmap is None else heatmap.split(","))
@@ -116,6 +121,7 @@ def compare(
     scene_options: SceneOptions | None = None,
     machine_options: MachineOptions | None = None,
     machine: tuple[str, ...] = (),
+    cost: str | None = None,
     frame: float = 0,
     threads: int | None = None,
     json: JsonPath = None,
@@ -134,6 +140,8 @@ def compare(
     machine
         A machine as key=value pairs separated by commas; give it again for each. By default: triangle binning without
         cull tests, patch binning, and patch binning with a domain cache for the frame.
+    cost
+        Cost model by which to weigh the counters: munkberg2010, wide, or a .toml file.
     frame
         Which frame of the camera path.
     threads
@@ -144,18 +152,18 @@ def compare(
         No progress.
     """
     from tiler.animation import verify_record
-    from tiler.comparison import MACHINES
     from tiler.comparison import compare as run
     from tiler.progress import Progress
     from tiler.simulation import simulate
     from tiler.warmup import warm_up
 
     opened = open_scene(scene, scene_options or SceneOptions())
-    options = machine_options or MachineOptions()
-    if machine:
-        machines = {text: parse_machine(text, options) for text in machine}
-    else:
-        machines = {name: make_machine(options, **fields) for name, fields in MACHINES.items()}
+    machines = _machines(machine, machine_options or MachineOptions())
+    if cost is not None:
+        from tiler import cost_model
+
+        for made_of in machines.values():
+            cost_model.bound_cost(cost_model.load_cost_model(cost), made_of, cost)  # before anything is drawn
     with Progress(f"comparing on {opened.name}", len(machines), quiet) as bar:
         # What is done once must not be charged to the first machine: kernels, the scene's patterns and packed maps.
         warm_up(machines.values())
@@ -176,11 +184,79 @@ def compare(
             for name, made in comparison.frames.items()
         ],
     }
+    if cost is not None:
+        reports = {name: cost_model.cost(made.counters, made.machine, cost) for name, made in comparison.frames.items()}
+        for entry in result["machines"]:
+            entry["cost"] = reports[entry["name"]].record()
     if not _write_json(result, json):
         print(comparison.table())
+        if cost is not None:
+            print(f"\n{cost_model.cost_table(reports)}")
     held = [_tell_violations(f"machine {entry['name']}", entry) for entry in result["machines"]]
     if not all(same.values()) or not all(held):
         sys.exit(1)
+
+
+@app.command
+def cost(
+    scene: str,
+    *,
+    scene_options: SceneOptions | None = None,
+    machine_options: MachineOptions | None = None,
+    machine: tuple[str, ...] = (),
+    model: str = "munkberg2010",
+    factors: str = "1,2,4,8,16",
+    measure: Literal["domain_shader_equivalents", "frame_cycles", "total_cycles"] = "domain_shader_equivalents",
+    frame: float = 0,
+    threads: int | None = None,
+    json: JsonPath = None,
+    quiet: Annotated[bool, Parameter(name=("--quiet", "-q"))] = False,
+) -> None:
+    """Weigh machines by a cost model at several tessellation factors, and say from which factor each beats the first.
+
+    Examples: `tiler cost colonnade --size 640x360`; `tiler cost waves --model wide --measure frame_cycles
+    --machine binning=triangle,cull=none --machine bounds=tpatch --factors 2,4,8,16,32`.
+
+    Parameters
+    ----------
+    scene
+        A name that `tiler scenes` lists, or the path of a scene file.
+    machine
+        As for `tiler compare`.
+    model
+        Cost model: munkberg2010, wide, or a .toml file.
+    factors
+        Tessellation factors to simulate, rising.
+    measure
+        What is compared: domain-shader equivalents (bounds included), cycles of the slowest stage, or of all stages.
+    frame
+        Which frame of the camera path.
+    threads
+        Threads of this computer to use; all by default.
+    json
+        Write the result as JSON to this file; - for standard output and nothing else there.
+    quiet
+        No progress.
+    """
+    from tiler import cost_model
+    from tiler.progress import Progress
+
+    opened = open_scene(scene, scene_options or SceneOptions())
+    machines, wanted = _machines(machine, machine_options or MachineOptions()), parse_factors(factors)
+    with Progress(f"weighing on {opened.name}", len(machines) * len(wanted), quiet) as bar:
+        found = cost_model.break_even(
+            opened, machines, wanted, model, measure=measure, frame=frame, threads=threads, progress=bar.update
+        )
+    result = {
+        "scene": opened.name, "model": model, "measure": measure, "factors": wanted,
+        "machines": [
+            {"name": name, "machine": made.model_dump(mode="json"), "break_even": found.factor[name],
+             "cost": [report.record() for report in found.reports[name]]}
+            for name, made in machines.items()
+        ],
+    }  # fmt: skip
+    if not _write_json(result, json):
+        print(cost_model.break_even_table(found))
 
 
 @app.command
@@ -259,6 +335,15 @@ def doctor() -> None:
     print(report)
     if not healthy:
         sys.exit(1)
+
+
+def _machines(texts: tuple[str, ...], options: MachineOptions) -> "dict[str, Machine]":
+    """The machines of `--machine`, or those that are compared by default."""
+    from tiler.comparison import MACHINES
+
+    if texts:
+        return {text: parse_machine(text, options) for text in texts}
+    return {name: make_machine(options, **fields) for name, fields in MACHINES.items()}
 
 
 def _say(frames: int) -> str:

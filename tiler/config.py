@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 from pipeline.bounds import BOUNDS
 from pipeline.culling import CULL_TESTS
 from tiler.errors import TilerError, unknown_name
+from tiler.queue_models import MOST_BYTES, Policy, load_queue_model, queue_model_names
 
 TILE_SIZES = (8, 16, 32, 64, 128, 256, 512)
 
@@ -14,13 +15,17 @@ TILE_SIZES = (8, 16, 32, 64, 128, 256, 512)
 class Machine(BaseModel):
     """A tile-based sort-middle machine.
 
-    tile : side of a tile in pixels, a power of two.
+    tile : side of a tile in pixels, a power of two; 32, or what the named queue model's machine has.
     binning : `triangle` (the front end shades all patches and bins triangles) or `patch` (it bins patches by their bounds;
         each tile tessellates and shades for itself).
     bounds : algorithm that bounds a displaced patch, a name of `pipeline.bounds.BOUNDS`.
     cull : cull tests on whole patches, in order, names of `pipeline.culling.CULL_TESTS`; () for none.
     domain_cache : `patch` binning only; `none`: every tile shades a patch again; `frame`: once a frame.
     cores : simulated cores; tile t is worked off by core t modulo cores, tiles in scanline order.
+    queue_model : how tile queues lie in memory, a name of `tiler.queue_models.queue_model_names()` or a .toml file.
+    queue_pool : bytes that queues may take; None: the model's own limit, if it has one.
+    queue_policy : what happens where the pool is full. `grow`: it is doubled; `flush`: all tiles work off what is queued, and
+        the queues start empty again; `fail`: TilerError. None: the model's own.
     verify : check each bound and each cull against all patches, shaded, and the picture without culls (`Frame.violations`);
         the machine draws and counts the same.
 
@@ -35,11 +40,16 @@ class Machine(BaseModel):
     cull: tuple[str, ...] = ("frustum",)
     domain_cache: Literal["none", "frame"] = "none"
     cores: int = 4
+    queue_model: str = "ideal"
+    queue_pool: int | None = None
+    queue_policy: Policy | None = None
     verify: bool = False
 
     def __init__(self, **fields: Any) -> None:
         if isinstance(fields.get("cull"), list):
             fields["cull"] = tuple(fields["cull"])
+        if "tile" not in fields and fields.get("queue_model") in queue_model_names():
+            fields["tile"] = load_queue_model(fields["queue_model"]).tile
         try:
             super().__init__(**fields)
         except ValidationError as error:
@@ -57,6 +67,21 @@ class Machine(BaseModel):
     def _cores(cls, value: int) -> int:
         if not 1 <= value <= 65536:
             raise ValueError("allowed: 1 to 65536")
+        return value
+
+    @field_validator("queue_model")
+    @classmethod
+    def _queue_model(cls, value: str) -> str:
+        if not value.endswith(".toml") and value not in queue_model_names():
+            raise ValueError(unknown_name(value, [*queue_model_names(), "FILE.toml"]))
+        load_queue_model(value)
+        return value
+
+    @field_validator("queue_pool")
+    @classmethod
+    def _queue_pool(cls, value: int | None) -> int | None:
+        if value is not None and not 1 <= value <= MOST_BYTES:
+            raise ValueError(f"allowed: 1 to {MOST_BYTES} bytes, or None for the model's own limit")
         return value
 
     @field_validator("bounds")

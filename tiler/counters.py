@@ -56,6 +56,31 @@ DEFINITIONS: dict[str, Definition] = {
         "queues", "bytes", "Memory that all queues of the frame take, with the records that their entries refer to "
         "(layout: tiler/queues.py).",
     ),
+    "queue_bytes_written": Definition(
+        "queue memory", "bytes", "Bytes written to lists by the queue model: entries, links, headers and records; in every "
+        "pass again.",
+    ),
+    "queue_bytes_read": Definition(
+        "queue memory", "bytes", "Bytes read from lists by the queue model, without any cache: an entry that is read fetches "
+        "its record, and each record that it shares.",
+    ),
+    "queue_peak_bytes": Definition(
+        "queue memory", "bytes", "Most bytes of lists and records in use at a time by the queue model, chunks and blocks whole."
+    ),
+    "queue_chunks": Definition(
+        "queue memory", "chunks", "Chunks given to lists by the queue model, those that lists have from the start included."
+    ),
+    "queue_wasted_bytes": Definition(
+        "queue memory", "bytes", "Bytes of chunks and blocks in which nothing was written when the queues were worked off."
+    ),
+    "queue_flushes": Definition(
+        "queue memory", "flushes", "Times that the pool was full and all tiles worked off what was queued (policy `flush`)."
+    ),
+    "queue_grows": Definition("queue memory", "doublings", "Times that the pool was full and was doubled (policy `grow`)."),
+    "queue_tile_passes": Definition(
+        "queue memory", "pairs", "Pairs of a tile and a pass in which its queue has an entry; a pass ends with a flush or the "
+        "frame.",
+    ),
     "ds_invocations": Definition(
         "domain shader", "domain points", "Domain points shaded. In `patch` binning without a domain cache every tile shades "
         "a patch again.",
@@ -94,6 +119,10 @@ DEFINITIONS: dict[str, Definition] = {
     "ps_helper_invocations": Definition(
         "pixel shader", "pixels", "Pixels that run beside those of `ps_invocations` so that each 2x2 block is whole, for "
         "derivatives; they write nothing. D3D11 leaves open whether PSInvocations has them; here it has not.",
+    ),
+    "om_spilled_bytes": Definition(
+        "output merger", "bytes", "Colour and depth that tiles write at the end of a pass and read again at their next: 8 "
+        "bytes a sample each way.",
     ),
     "om_samples_visible": Definition("output merger", "samples", "Samples that hold a triangle at the end of the frame."),
 }  # fmt: skip

@@ -12,6 +12,7 @@ from tiler.config import Machine
 from tiler.frame import Frame
 from tiler.grid import make_grid
 from tiler.host import Host
+from tiler.queue_memory import describe_items, make_queue_memory
 from tiler.scene.camera import camera_at
 from tiler.scene.model import Scene
 from tiler.tally import Tally
@@ -27,6 +28,7 @@ def render_frame(scene: Scene, machine: Machine, number: float, host: Host, prog
     target = back_end.make_target(scene.picture)
     packed = front_end.scene_maps(scene)
     tally = Tally(scene, machine, grid)
+    memory = make_queue_memory(machine, grid, scene.picture.samples)
 
     # Per patch: vertex shader, hull shader, tessellator.
     patches = front_end.run_vertex_shader(scene)
@@ -48,12 +50,15 @@ def render_frame(scene: Scene, machine: Machine, number: float, host: Host, prog
         points = front_end.shade_domain_points(batch, patches, patterns, packed.maps, camera, host)
         geometry = front_end.set_up_triangles(batch, points, patterns, viewport, scene, host)
         bins = back_end.bin_batch(batch, geometry, bounds, machine, grid, host)
-        back_end.run_tiles(
-            bins, batch, geometry, scene, machine, grid, target, tally.tiles, b == 0, b == len(batches) - 1, host
-        )
+        items = describe_items(machine.binning, batch, geometry.triangles, len(geometry.window.x))
+        passes = back_end.cut_bins(bins, memory.append(bins.queue, items))
+        for k, part in enumerate(passes):
+            first, last = b == k == 0, b == len(batches) - 1 and k == len(passes) - 1
+            back_end.run_tiles(part, batch, geometry, scene, machine, grid, target, tally.tiles, first, last, host)
         tally.count_batch(geometry, bins.queue)
         progress((b + 1) / len(batches))
 
+    queues = memory.report()
     seconds = time.perf_counter() - start
     report = verify.Report((), ())
     if machine.verify:
@@ -64,8 +69,8 @@ def render_frame(scene: Scene, machine: Machine, number: float, host: Host, prog
         number=number,
         color=target.resolved,
         depth_samples=target.depth,
-        counters=tally.counters(target),
-        queues=tally.queues(),
+        counters=tally.counters(target, queues.counters()),
+        queues=tally.queues(queues),
         tiles=tally.tile_maps(),
         cores=tally.core_sums(),
         seconds=seconds,

@@ -50,6 +50,12 @@ class MachineOptions:
     "Whether every tile shades a patch again, or it is shaded once a frame (patch binning)."
     cores: int | None = None
     "Simulated cores that the tiles are dealt out to."
+    queue_model: Text = None
+    "How tile queues lie in memory: a name or a .toml file."
+    queue_pool: int | None = None
+    "Bytes that the queues may take."
+    queue_policy: Literal["grow", "flush", "fail"] | None = None
+    "What happens where the queues' memory is full."
     verify: bool | None = None
     "Check every bound and every cull against all patches, shaded, and the picture without culls."
 
@@ -108,6 +114,14 @@ def parse_factor(text: str) -> float | tuple[float, ...]:
     if len(values) not in (1, 6):
         raise TilerError(f"factor: {text!r} is not allowed; allowed: one number, or six separated by commas")
     return values[0] if len(values) == 1 else values
+
+
+def parse_factors(text: str) -> list[float]:
+    """Tessellation factors from a list such as 2,4,8."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise TilerError(f"factors: {text!r} is not allowed; allowed: numbers separated by commas") from None
 
 
 def parse_cull(text: str) -> tuple[str, ...]:

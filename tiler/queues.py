@@ -11,6 +11,7 @@ stored once (24 bytes). Its control points are read again where the vertex stage
 from dataclasses import dataclass
 
 from pipeline.types import I64
+from tiler.queue_memory import QueueReport
 
 ENTRY_BYTES = 4
 TRIANGLE_BYTES = 12
@@ -20,10 +21,13 @@ PATCH_BYTES = 24
 
 @dataclass(frozen=True)
 class Queues:
-    """entries : int64[tiles_y, tiles_x], entries of each tile's queue. bytes : all queues and their records."""
+    """entries : int64[tiles_y, tiles_x], entries of each tile's queue. bytes : all queues and their records, as laid out
+    above. memory : the same by the machine's queue model.
+    """
 
     entries: I64
     bytes: int
+    memory: QueueReport
 
 
 def queue_bytes(entries: int, triangles: int, vertices: int, patches: int) -> int:

@@ -1,7 +1,5 @@
 """The tally of a frame: adds up what its stages report, and turns it into counters, queues and per-tile maps."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from pipeline.jit import kernel
@@ -10,9 +8,9 @@ from pipeline.types import I32, I64, U8, CullFlag, Patterns
 from tiler.binning import TileQueues
 from tiler.config import Machine
 from tiler.counters import Counters
-from tiler.errors import TilerError, unknown_name
 from tiler.front_end import Geometry
 from tiler.grid import Grid
+from tiler.queue_memory import QueueReport
 from tiler.queues import Queues, queue_bytes
 from tiler.scene.model import Scene
 from tiler.tile import NUM_TILE_COUNTS, Target, TileCount
@@ -42,14 +40,6 @@ TILE_COUNTERS = {
     "ps_invocations": TileCount.PS_INVOCATIONS,
     "ps_helper_invocations": TileCount.PS_HELPERS,
 }
-
-
-def check_heatmaps(names: Sequence[str]) -> list[str]:
-    """The names, if each is a per-tile counter. Raises TilerError otherwise."""
-    for name in names:
-        if name not in TILE_COUNTERS:
-            raise TilerError(f"heatmap: {name!r} is not a per-tile counter; {unknown_name(name, TILE_COUNTERS)}")
-    return list(names)
 
 
 @kernel
@@ -110,12 +100,12 @@ class Tally:
             self.values["bin_patches_offscreen"] += len(queued) - patches
         self.values["queue_bytes"] += queue_bytes(len(queues.item), triangles, vertices, patches)
 
-    def counters(self, target: Target) -> Counters:
-        """All counters of the frame."""
+    def counters(self, target: Target, memory: dict[str, int]) -> Counters:
+        """All counters of the frame. memory : those of the queues' memory."""
         by_patch = self.machine.binning == "patch"
         sums = self.tiles.sum(axis=0)
         outcomes = sums[:NUM_OUTCOMES] if by_patch else self.outcomes
-        values = self.values | {name: int(outcomes[column]) for name, column in OUTCOME_COUNTERS.items()}
+        values = self.values | memory | {name: int(outcomes[column]) for name, column in OUTCOME_COUNTERS.items()}
         values |= {name: values.get(name, 0) + int(sums[column]) for name, column in TILE_COUNTERS.items()}
         entries = values["queue_entries"]
         values["bin_patch_tile_pairs"] = entries if by_patch else 0
@@ -125,9 +115,9 @@ class Tally:
         values["om_samples_visible"] = int(np.count_nonzero(target.depth < 1.0))
         return Counters(values)
 
-    def queues(self) -> Queues:
+    def queues(self, memory: QueueReport) -> Queues:
         """The tile queues' lengths and bytes."""
-        return Queues(self.tile_maps()["queue_entries"], self.values["queue_bytes"])
+        return Queues(self.tile_maps()["queue_entries"], self.values["queue_bytes"], memory)
 
     def tile_maps(self) -> dict[str, I64]:
         """Per-tile counters by name, int64[tiles_y, tiles_x]."""
