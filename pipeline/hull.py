@@ -19,6 +19,7 @@ from pipeline.types import (
     DisplacementMaps,
     FaceCull,
     HullInput,
+    Partitioning,
     PatchBounds,
     Patches,
     Pyramids,
@@ -51,8 +52,12 @@ def make_input(
     domain: F64 | None = None,
     factors: TessFactors | None = None,
     face_cull: FaceCull = FaceCull.NONE,
+    partitioning: Partitioning = Partitioning.ANY,
 ) -> HullInput:
-    """The input of bounds and cull tests, with what is not given: whole patches, factors 1, no eye, no face cull."""
+    """The input of bounds and cull tests, with what is not given: whole patches, factors 1, no eye, no face cull.
+
+    partitioning : how the tessellator will round the factors; what is said of ANY holds for all.
+    """
     n = len(patches.control_points)
     return HullInput(
         patches=patches,
@@ -64,6 +69,7 @@ def make_input(
         domain=np.tile([0.0, 1.0, 0.0, 1.0], (n, 1)) if domain is None else domain,
         factors=fixed_factors(n, (1.0,) * 6) if factors is None else factors,
         face_cull=int(face_cull),
+        partitioning=int(partitioning),
     )
 
 

@@ -35,6 +35,16 @@ class FaceCull(IntEnum):
     BACK = 2
 
 
+class Partitioning(IntEnum):
+    """D3D11_TESSELLATOR_PARTITIONING, and ANY where a stage is not told which: then what it says holds for all."""
+
+    ANY = 0
+    INTEGER = 1
+    POW2 = 2
+    FRACTIONAL_ODD = 3
+    FRACTIONAL_EVEN = 4
+
+
 class CullFlag(IntEnum):
     """Why the hull stage dropped a patch: the value of `cull_flags`; 0 is alive. The first reason found counts."""
 
@@ -117,6 +127,7 @@ class HullInput(NamedTuple):
     domain: F64  # (P, 4) u0, u1, v0, v1: the part of each patch that is bounded; (0, 1, 0, 1) is all of it
     factors: TessFactors
     face_cull: int  # FaceCull: which triangles the rasterizer drops
+    partitioning: int  # Partitioning: how the factors will be rounded
 
 
 class PatchBounds(NamedTuple):

@@ -19,6 +19,7 @@ from pipeline.types import (
     DomainPoints,
     FaceCull,
     HullInput,
+    Partitioning,
     Patches,
     Patterns,
     Pyramids,
@@ -99,6 +100,7 @@ def hull_input(
         eye=camera.eye,
         factors=factors,
         face_cull=FaceCull[scene.face_cull.upper()],
+        partitioning=Partitioning[scene.tessellation.partitioning.upper()],
     )
 
 

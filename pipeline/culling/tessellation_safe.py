@@ -1,7 +1,8 @@
 """`backface:tessellation_safe`: never drops a patch of which a triangle can be set up at the frame's factors.
 
 Exact for the tessellation, as it stands on the 16.8 grid: not one triangle of a culled patch has the other sign of area
-after the float32 shader and the snap, whichever partitioning the factors are rounded by. This is proven, not measured:
+after the float32 shader and the snap, by the frame's partitioning (by any, where that is not known). This is proven, not
+measured:
 
 1. All in the clip-space rows Q = (x, y, w), homogeneous, so that rational patches are polynomials too. With w > 0 a
    triangle's area on the screen has the sign of F = det[Q0, Q1, Q2].
@@ -293,7 +294,7 @@ def _classify(stage: HullInput, numbers: I64, wanted: tuple[int, ...]) -> U8:
     control_points, matrix = stage.patches.control_points, stage.clip_from_world.astype(np.float64)
     _least_plane(control_points, matrix, plain, facing, margin)
     one_way = np.flatnonzero(np.isin(facing, wanted))
-    steps: F64 = measure_steps(stage.factors, plain[one_way])
+    steps: F64 = measure_steps(stage.factors, plain[one_way], stage.partitioning)
     sides = facing[one_way]
     _keep_safe(control_points, matrix, stage.viewport, plain[one_way], steps, margin[one_way], sides)
     answer[at[one_way]] = sides
