@@ -23,6 +23,7 @@ from pipeline.types import (
     PatchBounds,
     Patches,
     Pyramids,
+    Slopes,
     TessFactors,
     Viewport,
 )
@@ -48,6 +49,7 @@ def make_input(
     viewport: Viewport,
     *,
     pyramids: Pyramids | None = None,
+    slopes: Slopes | None = None,
     eye: F64 | None = None,
     domain: F64 | None = None,
     factors: TessFactors | None = None,
@@ -63,6 +65,7 @@ def make_input(
         patches=patches,
         maps=maps,
         pyramids=build_pyramids(maps) if pyramids is None else pyramids,
+        slopes=slopes,
         clip_from_world=clip_from_world,
         eye=np.full(3, np.nan) if eye is None else np.asarray(eye, np.float64),
         viewport=viewport,

@@ -17,6 +17,7 @@ I64 = NDArray[np.int64]
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 U32 = NDArray[np.uint32]
+B1 = NDArray[np.bool_]
 
 
 class Address(IntEnum):
@@ -76,6 +77,13 @@ class Pyramids(NamedTuple):
     whole: F64  # (L, 2) range of any lookup anywhere, world units, `displacement.map_ranges`
 
 
+class Slopes(NamedTuple):
+    """Min-max pyramids of the differences of neighbouring texels of all maps, before scale: `pipeline.slopes`."""
+
+    along_s: Pyramids
+    along_t: Pyramids
+
+
 class Patches(NamedTuple):
     """Bicubic patches as the hull stage's control-point phase leaves them, world space.
 
@@ -121,6 +129,7 @@ class HullInput(NamedTuple):
     patches: Patches  # world space
     maps: DisplacementMaps
     pyramids: Pyramids
+    slopes: Slopes | None  # made by who needs them where they are not given
     clip_from_world: F32  # (4, 4)
     eye: F64  # (3,) world space; NaN where there is none, and then nothing is back-facing
     viewport: "Viewport"

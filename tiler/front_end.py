@@ -11,6 +11,7 @@ from pipeline.displacement import pack_maps
 from pipeline.minmax import build_pyramids
 from pipeline.primitives import NUM_OUTCOMES
 from pipeline.silhouette import raise_factors, shared_edges
+from pipeline.slopes import build_slopes
 from pipeline.types import (
     I32,
     I64,
@@ -23,6 +24,7 @@ from pipeline.types import (
     Patches,
     Patterns,
     Pyramids,
+    Slopes,
     TessFactors,
     Triangles,
     Viewport,
@@ -53,6 +55,7 @@ class PackedMaps(NamedTuple):
     source: tuple[DisplacementMap, ...]
     maps: DisplacementMaps
     pyramids: Pyramids
+    slopes: Slopes
 
 
 KEPT_MAPS = 4  # sets of maps that are kept packed from one frame to the next
@@ -60,12 +63,12 @@ _packed: dict[tuple[int, ...], PackedMaps] = {}
 
 
 def scene_maps(scene: Scene) -> PackedMaps:
-    """The scene's displacement maps, packed, with their pyramids. Made once for a scene's frames: its arrays never change."""
+    """The scene's displacement maps, packed, with pyramids. Made once for a scene's frames: its arrays never change."""
     key = tuple(map(id, scene.maps))  # no other object can get these while `source` holds the maps
     packed = _packed.get(key)
     if packed is None:
         maps = pack_maps([(m.texels, Address[m.address.upper()], m.scale, m.bias) for m in scene.maps])
-        packed = PackedMaps(scene.maps, maps, build_pyramids(maps))
+        packed = PackedMaps(scene.maps, maps, build_pyramids(maps), build_slopes(maps))
         while len(_packed) >= KEPT_MAPS:
             _packed.pop(next(iter(_packed)), None)
         _packed[key] = packed
@@ -97,6 +100,7 @@ def hull_input(
         camera.clip_from_world,
         viewport,
         pyramids=packed.pyramids,
+        slopes=packed.slopes,
         eye=camera.eye,
         factors=factors,
         face_cull=FaceCull[scene.face_cull.upper()],
