@@ -153,7 +153,7 @@ def set_up_triangles(
     """Primitives: viewport, clip, snap, face cull and set-up of every triangle of the live patches, once."""
     guard = primitives.guard_band(viewport)
     num_points = int(points.first[-1])
-    window = _allocate_window(num_points)
+    window = allocate_window(num_points)
     chunks = host.chunks(num_points)
     host.run(lambda c: primitives.project_points(*chunks[c], points.clip, viewport, guard, window), len(chunks))
 
@@ -188,7 +188,8 @@ def set_up_triangles(
     return Geometry(points, window, triangles, outcomes)
 
 
-def _allocate_window(n: int) -> Window:
+def allocate_window(n: int) -> Window:
+    """Room for n vertices."""
     return Window(
         np.empty(n, np.int32),
         np.empty(n, np.int32),
