@@ -32,7 +32,7 @@ def _differences(texels: F32, axis: int, address: int) -> F32:
 
 
 def build_slopes(maps: DisplacementMaps) -> Slopes:
-    """Slope pyramids of all maps. NaN texels give NaN, and a range that is NaN."""
+    """Slope pyramids of all maps. Of a map with a NaN or infinity they mean nothing; its range (`Pyramids.whole`) tells."""
     pyramids = []
     for axis in (1, 0):
         texels = np.empty_like(maps.texels)

@@ -12,16 +12,14 @@ texel borders); a tessellation is another surface (`docs/backface.md`). Undispla
 triangles in place of derivatives, and what the screen's grid may do to them (`Screen`).
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from pipeline.bounds.restrict import domain_displacement
 from pipeline.culling.backface import BACK, FRONT, SILHOUETTE, cull_facing, eye_or_none, is_single_net, turn_mirrored
 from pipeline.culling.chords import Part, bound_part, longest_differences, make_work
+from pipeline.culling.displaced_screen import ROOM, Screen, View, pixels_along, screen_of, vertex_error, viewport_size
 from pipeline.culling.intervals import bend, cross_dot
 from pipeline.culling.pattern_steps import Step
-from pipeline.culling.screen import DENORMAL, MOST_PIXELS, SNAP, U, clip_error
 from pipeline.jit import helper, kernel
 from pipeline.slopes import build_slopes
 from pipeline.types import F64, I64, U8, HullInput, PatchBounds
@@ -30,122 +28,6 @@ LEVELS = 3
 H, K, G, INV_H, INV_K, SKEW, INV_HK = (
     int(getattr(Step, n)) for n in ("H", "K", "G", "INV_H", "INV_K", "SKEW", "INV_HK")
 )
-ROOM = 1.0 + 1e-6
-
-
-class View(NamedTuple):
-    """Whence patches are seen: for kernels."""
-
-    eye: F64  # (3,) world space
-    eye_error: float  # how far the matrix's own eye may be from it
-    matrix: F64  # (4, 4) clip from world
-    det: float  # of the rows x, y, w of it, columns x, y, z
-    size: F64  # (4,) viewport: width, height, |left|, |top|
-
-
-class Screen(NamedTuple):
-    """How a displaced patch lies on the screen."""
-
-    whole: bool  # no triangle needs the clipper
-    middle: tuple[float, float]  # NDC x, y
-    spread: tuple[float, float]  # largest distance from it
-    far: tuple[float, float]  # pixels: largest |coordinate| of a vertex
-    least_w: float
-    most_w: float
-
-
-@helper
-def _row_dot(row, v):
-    return row[0] * v[0] + row[1] * v[1] + row[2] * v[2]
-
-
-@helper
-def _row_length(row):
-    return np.sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2])
-
-
-@helper
-def _tilt(row, other, factor):
-    """Length of row - factor other."""
-    x, y, z = row[0] - factor * other[0], row[1] - factor * other[1], row[2] - factor * other[2]
-    return np.sqrt(x * x + y * y + z * z)
-
-
-@helper
-def screen_of(points, origin, farthest, view):
-    """The Screen of a patch of control points float64[16, 3] about `origin`, displaced by at most `farthest`."""
-    m = view.matrix
-    sz, sw = _row_length(m[2]), _row_length(m[3])
-    s_far = _tilt(m[3], m[2], 1.0)
-    reach = farthest * ROOM
-    most = (0.0, 0.0, 0.0)
-    mid_x = mid_y = mid_w = 0.0
-    least_w, most_w = np.inf, 0.0
-    for k in range(16):
-        p = (points[k, 0] + origin[0], points[k, 1] + origin[1], points[k, 2] + origin[2])
-        most = (max(most[0], abs(p[0])), max(most[1], abs(p[1])), max(most[2], abs(p[2])))
-        w = _row_dot(m[3], p) + m[3, 3]
-        mid_x, mid_y, mid_w = mid_x + _row_dot(m[0], p) + m[0, 3], mid_y + _row_dot(m[1], p) + m[1, 3], mid_w + w
-        least_w, most_w = min(least_w, w - reach * sw), max(most_w, w + reach * sw)
-    x, y, z = most[0] + reach, most[1] + reach, most[2] + reach
-    error_z, error_w = clip_error(m[2], x, y, z) + sz * 1e-6 * reach, clip_error(m[3], x, y, z) + sw * 1e-6 * reach
-    none = (0.0, 0.0)
-    if not (least_w > 2.0 * error_w and most_w < np.inf):
-        return Screen(False, none, none, none, 0.0, 0.0)
-    mid_x, mid_y = mid_x / mid_w, mid_y / mid_w
-    tilt_x, tilt_y = _tilt(m[0], m[3], mid_x), _tilt(m[1], m[3], mid_y)
-    spread_x = spread_y = 0.0
-    whole = True
-    for k in range(16):
-        p = (points[k, 0] + origin[0], points[k, 1] + origin[1], points[k, 2] + origin[2])
-        w = _row_dot(m[3], p) + m[3, 3]
-        clip_x, clip_y, clip_z = _row_dot(m[0], p) + m[0, 3], _row_dot(m[1], p) + m[1, 3], _row_dot(m[2], p) + m[2, 3]
-        whole &= clip_z - reach * sz > error_z and w - clip_z - reach * s_far > error_z + error_w
-        spread_x = max(spread_x, (abs(clip_x - mid_x * w) + reach * tilt_x) / (w - reach * sw))
-        spread_y = max(spread_y, (abs(clip_y - mid_y * w) + reach * tilt_y) / (w - reach * sw))
-    far_x = (abs(mid_x) + spread_x + 1.0) * view.size[0] + view.size[2]
-    far_y = (abs(mid_y) + spread_y + 1.0) * view.size[1] + view.size[3]
-    whole &= far_x < MOST_PIXELS and far_y < MOST_PIXELS
-    return Screen(whole, (mid_x, mid_y), (spread_x, spread_y), (far_x, far_y), least_w, most_w)
-
-
-@helper
-def _vertex_error(points, origin, part, screen, view):
-    """Pixels that a vertex of the part may be off by along each axis: float32, viewport, snap."""
-    m = view.matrix
-    x = y = z = 0.0
-    for k in range(16):
-        x, y = max(x, abs(points[k, 0] + origin[0])), max(y, abs(points[k, 1] + origin[1]))
-        z = max(z, abs(points[k, 2] + origin[2]))
-    x, y, z = x + part.farthest, y + part.farthest, z + part.farthest
-    shift = part.shift * ROOM + DENORMAL
-    error_x = clip_error(m[0], x, y, z) + _row_length(m[0]) * shift
-    error_y = clip_error(m[1], x, y, z) + _row_length(m[1]) * shift
-    error_w = clip_error(m[3], x, y, z) + _row_length(m[3]) * shift
-    ndc_x, ndc_y = abs(screen.middle[0]) + screen.spread[0], abs(screen.middle[1]) + screen.spread[1]
-    least_w = screen.least_w - error_w
-    if not least_w > 0.0:
-        return np.inf
-    off_x = 0.5 * view.size[0] * (error_x + ndc_x * error_w) / least_w + 5.0 * U * (screen.far[0] + view.size[0])
-    off_y = 0.5 * view.size[1] * (error_y + ndc_y * error_w) / least_w + 5.0 * U * (screen.far[1] + view.size[1])
-    return max(off_x, off_y) * 1.01 + SNAP
-
-
-@helper
-def _pixels_along(row, screen, view, work):
-    """Pixels, x and y together, that a chord of parameter length 1 spans at most; row 1: along u, 2: along v."""
-    m, middle, box = view.matrix, work.middle, work.box
-    length = 0.0
-    for c in range(2):
-        along = depth = 0.0
-        for s in range(3):
-            vector = middle[1] if s == 0 else (middle[2] if s == 1 else middle[0])
-            size = max(abs(box[row, s, 0]), abs(box[row, s, 1]))
-            w = _row_dot(m[3], vector)
-            along += abs(_row_dot(m[c], vector) - screen.middle[c] * w) * size
-            depth += abs(w) * size
-        length += 0.5 * view.size[c] * (along + screen.spread[c] * depth) / screen.least_w
-    return length * ROOM
 
 
 @helper
@@ -166,8 +48,8 @@ def _holds(points, origin, part, steps, screen, view, du, dv, work):
     least -= 1e-12 * (1.0 + abs(least))
     if not least > 0.0 or len(steps) == 0:
         return least > 0.0
-    d = _vertex_error(points, origin, part, screen, view)
-    length_u, length_v = _pixels_along(1, screen, view, work) / du, _pixels_along(2, screen, view, work) / dv
+    d = vertex_error(points, origin, part, screen, view)
+    length_u, length_v = pixels_along(1, screen, view, work) / du, pixels_along(2, screen, view, work) / dv
     to_pixels = 0.25 * view.size[0] * view.size[1] / (screen.most_w * screen.most_w * screen.most_w)
     to_pixels *= abs(view.det * part.det) / (du * dv) / ROOM
     bent_u, bent_v = bend(q, a) * (dv / du) * ROOM, bend(q, b) * (du / dv) * ROOM
@@ -256,30 +138,6 @@ def classify_from(stage: HullInput, view: View, numbers: I64, steps: F64) -> U8:
     return out
 
 
-def _size(stage: HullInput) -> F64:
-    v = stage.viewport
-    return np.array([v.width, v.height, abs(v.left), abs(v.top)], np.float64)
-
-
-def view_of_matrix(stage: HullInput) -> View | None:
-    """The view of the matrix alone: its eye is where the rows x, y and w are 0. None where it has none, or nearly so."""
-    matrix = stage.clip_from_world.astype(np.float64)
-    if not np.isfinite(matrix).all():
-        return None
-    rows = matrix[[0, 1, 3]]
-    linear, offset = rows[:, :3], rows[:, 3]
-    with np.errstate(all="ignore"):
-        det = float(np.linalg.det(linear))
-        if not abs(det) > 1e-6 * np.prod(np.linalg.norm(linear, axis=1)):
-            return None
-        inverse = np.linalg.inv(linear)
-        eye = -inverse @ offset
-        # Of the equations' residual, and of what float64 loses in it.
-        left = abs(linear @ eye + offset) + 1e-15 * (abs(linear) @ abs(eye) + abs(offset))
-        error = float((abs(inverse) @ left).sum()) * (1.0 + 1e-6)
-    return View(eye, error, matrix, det, _size(stage)) if np.isfinite(eye).all() and np.isfinite(error) else None
-
-
 def classify_patches(stage: HullInput, numbers: I64) -> U8:
     """Facing of the displaced surface of the patches `numbers`, uint8; SILHOUETTE for those that are no single net."""
     facing = np.zeros(len(numbers), np.uint8)
@@ -287,7 +145,7 @@ def classify_patches(stage: HullInput, numbers: I64) -> U8:
     if eye is None:
         return facing
     at = np.flatnonzero(is_single_net(stage.patches, numbers))
-    view = View(eye, 0.0, np.zeros((4, 4)), 0.0, _size(stage))
+    view = View(eye, 0.0, np.zeros((4, 4)), 0.0, viewport_size(stage))
     facing[at] = turn_mirrored(stage, classify_from(stage, view, numbers[at], np.empty((len(at), 0))))
     return facing
 

@@ -32,7 +32,8 @@ The frame of Q is sheared so that the patch's middle has x = y = 0: determinants
 import numpy as np
 
 from pipeline.culling.backface import BACK, FRONT, SILHOUETTE, cull_facing, eye_or_none, is_plain, is_single_net
-from pipeline.culling.displaced import classify_from, view_of_matrix
+from pipeline.culling.displaced import classify_from
+from pipeline.culling.displaced_screen import view_of_matrix
 from pipeline.culling.pattern_steps import measure_steps
 from pipeline.culling.screen import LEAST_WEIGHT, MOST_PIXELS, MOST_WEIGHT, SNAP, U, clip_error
 from pipeline.culling.tangent_plane import LANES, sum_products
