@@ -19,9 +19,11 @@ from pipeline.types import (
     DisplacementMaps,
     FaceCull,
     HullInput,
+    Partitioning,
     PatchBounds,
     Patches,
     Pyramids,
+    Slopes,
     TessFactors,
     Viewport,
 )
@@ -47,23 +49,30 @@ def make_input(
     viewport: Viewport,
     *,
     pyramids: Pyramids | None = None,
+    slopes: Slopes | None = None,
     eye: F64 | None = None,
     domain: F64 | None = None,
     factors: TessFactors | None = None,
     face_cull: FaceCull = FaceCull.NONE,
+    partitioning: Partitioning = Partitioning.ANY,
 ) -> HullInput:
-    """The input of bounds and cull tests, with what is not given: whole patches, factors 1, no eye, no face cull."""
+    """The input of bounds and cull tests, with what is not given: whole patches, factors 1, no eye, no face cull.
+
+    partitioning : how the tessellator will round the factors; what is said of ANY holds for all.
+    """
     n = len(patches.control_points)
     return HullInput(
         patches=patches,
         maps=maps,
         pyramids=build_pyramids(maps) if pyramids is None else pyramids,
+        slopes=slopes,
         clip_from_world=clip_from_world,
         eye=np.full(3, np.nan) if eye is None else np.asarray(eye, np.float64),
         viewport=viewport,
         domain=np.tile([0.0, 1.0, 0.0, 1.0], (n, 1)) if domain is None else domain,
         factors=fixed_factors(n, (1.0,) * 6) if factors is None else factors,
         face_cull=int(face_cull),
+        partitioning=int(partitioning),
     )
 
 

@@ -17,6 +17,7 @@ I64 = NDArray[np.int64]
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 U32 = NDArray[np.uint32]
+B1 = NDArray[np.bool_]
 
 
 class Address(IntEnum):
@@ -33,6 +34,16 @@ class FaceCull(IntEnum):
     NONE = 0
     FRONT = 1
     BACK = 2
+
+
+class Partitioning(IntEnum):
+    """D3D11_TESSELLATOR_PARTITIONING, and ANY where a stage is not told which: then what it says holds for all."""
+
+    ANY = 0
+    INTEGER = 1
+    POW2 = 2
+    FRACTIONAL_ODD = 3
+    FRACTIONAL_EVEN = 4
 
 
 class CullFlag(IntEnum):
@@ -64,6 +75,13 @@ class Pyramids(NamedTuple):
     first: I64  # (L, levels)
     size: I64  # (L, levels, 2) width, height; 0 beyond the top level, which is 1 x 1
     whole: F64  # (L, 2) range of any lookup anywhere, world units, `displacement.map_ranges`
+
+
+class Slopes(NamedTuple):
+    """Min-max pyramids of the differences of neighbouring texels of all maps, before scale: `pipeline.slopes`."""
+
+    along_s: Pyramids
+    along_t: Pyramids
 
 
 class Patches(NamedTuple):
@@ -111,12 +129,14 @@ class HullInput(NamedTuple):
     patches: Patches  # world space
     maps: DisplacementMaps
     pyramids: Pyramids
+    slopes: Slopes | None  # made by who needs them where they are not given
     clip_from_world: F32  # (4, 4)
     eye: F64  # (3,) world space; NaN where there is none, and then nothing is back-facing
     viewport: "Viewport"
     domain: F64  # (P, 4) u0, u1, v0, v1: the part of each patch that is bounded; (0, 1, 0, 1) is all of it
     factors: TessFactors
     face_cull: int  # FaceCull: which triangles the rasterizer drops
+    partitioning: int  # Partitioning: how the factors will be rounded
 
 
 class PatchBounds(NamedTuple):

@@ -23,6 +23,7 @@ from pipeline.types import (
     DomainPoints,
     FaceCull,
     HullInput,
+    Partitioning,
     PatchBounds,
     Patches,
     Patterns,
@@ -135,6 +136,7 @@ class NaiveMachine:
                 patch, self.maps, self.camera.clip_from_world, self.viewport, eye=self.camera.eye,
                 factors=TessFactors(*(np.array([a], f32) for a in self.factors(patch))),
                 face_cull=FaceCull[self.scene.face_cull.upper()],
+                partitioning=Partitioning[self.scene.tessellation.partitioning.upper()],
             )  # fmt: skip
             bound = BOUNDS[self.machine.bounds](stage)
             culled_by = self.first_cull(stage, bound)

@@ -10,7 +10,9 @@ import pytest
 import tiler
 from pipeline.bounds import BOUNDS
 from pipeline.culling import CULL_TESTS, FLAG_OF
+from pipeline.culling.offset import Offsets
 from pipeline.hull import make_input
+from pipeline.slopes import build_slopes
 from pipeline.types import CullFlag, FaceCull
 from tests.naive_domain import exact_surface
 from tests.scenes import flat_patch, looking_along_y, patch_scene, sliced
@@ -371,6 +373,23 @@ def test_a_displaced_patch_dropped_though_it_faces_the_eye(monkeypatch):
     assert "culled, yet the surface faces the eye" in words(frame.violations)
 
 
+def test_a_test_that_answers_for_triangles_has_no_false_culls(monkeypatch):
+    """What is a false cull of another test is a violation of one of `TRIANGLE_SAFE`."""
+    name = "backface:tessellation_safe"
+    cp = np.concatenate([np.array(TURNED), np.ones((4, 4, 1))], -1).astype(np.float32)
+    camera = CameraPath((CameraKey(0, TURNED_EYE, (0.1, 0.1, -0.1)),), fov=100, near=0.01, far=9.0)
+    scene = patch_scene([cp], size=(160, 120), factor=1.0, camera=camera, face_cull="back")
+    assert found(scene, Machine(cull=(name,), verify=True)) == ()
+
+    def all_of_them(stage, bounds, flags):
+        flags[:] = CullFlag.BACKFACE
+
+    plant_cull(monkeypatch, name, all_of_them)
+    frame = tiler.simulate(scene, Machine(cull=(name,), verify=True))
+    assert frame.false_culls == ()
+    assert words(frame.violations) == {"culled, yet visible"}
+
+
 # Its parts
 
 
@@ -506,18 +525,63 @@ def test_validate_bounds_finds_planted_faults(monkeypatch, capsys):
     assert np.array(violation["control_points"]).shape == (4, 4, 4)
     batch = validation.make_batch(violation["seed"], violation["batch"])
     np.testing.assert_array_equal(batch.control_points[violation["patch"]], violation["control_points"])
-    monkeypatch.setattr(validation, "scene_names", list)
+    monkeypatch.setattr("tiler.validation.bounds.scene_names", list)
     with pytest.raises(SystemExit) as stopped:
         cli.validate("bounds", samples=200_000, bounds="cbox", json="-")
     assert stopped.value.code == 1
     assert json.loads(capsys.readouterr().out).keys() >= {"what", "cases", "failed", "details"}
 
 
+def failures(batches, cull):
+    """Violations of a cull test over some random batches."""
+    with Host(1) as host:
+        campaign = validation.Campaign(["cbox"], 0, host)
+        for number in batches:
+            campaign.random_batch(number)
+    return campaign.culls[cull].failed, {v["what"] for v in campaign.culls[cull].violations}
+
+
+NOISE, CONSTANT = (1, 27, 53, 79, 105), (4, 30, 56)  # batches of the families "smooth noise" and "smooth constant"
+
+
+def test_slopes_of_nothing_are_found(monkeypatch):
+    """The bound of the displaced normal without the map's slope: by the surface, and by triangles at the batch's factors."""
+    assert failures(NOISE, "backface:displaced") == failures(NOISE, "backface:tessellation_safe") == (0, set())
+
+    def flat(maps):
+        return build_slopes(maps._replace(texels=np.zeros_like(maps.texels)))
+
+    monkeypatch.setattr("pipeline.culling.displaced.build_slopes", flat)
+    failed, what = failures(NOISE, "backface:displaced")
+    assert failed > 5 and "culled, yet the surface faces the eye" in what
+    failed, what = failures(NOISE, "backface:tessellation_safe")
+    assert failed > 5 and what
+
+
+def test_an_offset_past_the_centre_of_curvature_is_found(monkeypatch):
+    """The same batches, displaced by several times their size."""
+
+    def far_out(*arguments):
+        batch = validation.make_batch(*arguments)
+        return batch._replace(maps=[(*m[:3], m[3] + 5.0 * (-1) ** k) for k, m in enumerate(batch.maps)])
+
+    monkeypatch.setattr("tiler.validation.campaign.make_batch", far_out)
+    assert failures(CONSTANT, "backface:ncone") == failures(CONSTANT, "backface:tcone") == (0, set())
+
+    def any_offset(stage, numbers):
+        return Offsets(np.ones(len(numbers), bool), stage.pyramids.whole[stage.patches.map_id[numbers]])
+
+    monkeypatch.setattr("pipeline.culling.apex.constant_offsets", any_offset)
+    for name in ("backface:ncone", "backface:tcone"):
+        failed, what = failures(CONSTANT, name)
+        assert failed > 0 and what == {"culled, yet the surface faces the eye"}
+
+
 def test_the_adversary_gets_closer_than_chance(monkeypatch):
     """A box too small by less than what random points show: the climb finds it."""
 
     def closest(rounds):
-        monkeypatch.setattr(validation, "CLIMB_ROUNDS", rounds)
+        monkeypatch.setattr("tiler.validation.campaign.CLIMB_ROUNDS", rounds)
         with Host(1) as host:
             campaign = validation.Campaign(["cbox"], 11, host)
             campaign.adversarial_batch(16)

@@ -11,6 +11,7 @@ from pipeline.displacement import pack_maps
 from pipeline.minmax import build_pyramids
 from pipeline.primitives import NUM_OUTCOMES
 from pipeline.silhouette import raise_factors, shared_edges
+from pipeline.slopes import build_slopes
 from pipeline.types import (
     I32,
     I64,
@@ -19,9 +20,11 @@ from pipeline.types import (
     DomainPoints,
     FaceCull,
     HullInput,
+    Partitioning,
     Patches,
     Patterns,
     Pyramids,
+    Slopes,
     TessFactors,
     Triangles,
     Viewport,
@@ -52,6 +55,7 @@ class PackedMaps(NamedTuple):
     source: tuple[DisplacementMap, ...]
     maps: DisplacementMaps
     pyramids: Pyramids
+    slopes: Slopes
 
 
 KEPT_MAPS = 4  # sets of maps that are kept packed from one frame to the next
@@ -59,12 +63,12 @@ _packed: dict[tuple[int, ...], PackedMaps] = {}
 
 
 def scene_maps(scene: Scene) -> PackedMaps:
-    """The scene's displacement maps, packed, with their pyramids. Made once for a scene's frames: its arrays never change."""
+    """The scene's displacement maps, packed, with pyramids. Made once for a scene's frames: its arrays never change."""
     key = tuple(map(id, scene.maps))  # no other object can get these while `source` holds the maps
     packed = _packed.get(key)
     if packed is None:
         maps = pack_maps([(m.texels, Address[m.address.upper()], m.scale, m.bias) for m in scene.maps])
-        packed = PackedMaps(scene.maps, maps, build_pyramids(maps))
+        packed = PackedMaps(scene.maps, maps, build_pyramids(maps), build_slopes(maps))
         while len(_packed) >= KEPT_MAPS:
             _packed.pop(next(iter(_packed)), None)
         _packed[key] = packed
@@ -96,9 +100,11 @@ def hull_input(
         camera.clip_from_world,
         viewport,
         pyramids=packed.pyramids,
+        slopes=packed.slopes,
         eye=camera.eye,
         factors=factors,
         face_cull=FaceCull[scene.face_cull.upper()],
+        partitioning=Partitioning[scene.tessellation.partitioning.upper()],
     )
 
 
@@ -147,7 +153,7 @@ def set_up_triangles(
     """Primitives: viewport, clip, snap, face cull and set-up of every triangle of the live patches, once."""
     guard = primitives.guard_band(viewport)
     num_points = int(points.first[-1])
-    window = _allocate_window(num_points)
+    window = allocate_window(num_points)
     chunks = host.chunks(num_points)
     host.run(lambda c: primitives.project_points(*chunks[c], points.clip, viewport, guard, window), len(chunks))
 
@@ -182,7 +188,8 @@ def set_up_triangles(
     return Geometry(points, window, triangles, outcomes)
 
 
-def _allocate_window(n: int) -> Window:
+def allocate_window(n: int) -> Window:
+    """Room for n vertices."""
     return Window(
         np.empty(n, np.int32),
         np.empty(n, np.int32),

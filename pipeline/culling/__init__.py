@@ -12,7 +12,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pipeline.culling import frustum, frustum_planes, ncone, normal_box, tangent_plane, tcone, tessellation_safe
+from pipeline.culling import (
+    displaced,
+    frustum,
+    frustum_planes,
+    ncone,
+    normal_box,
+    tangent_plane,
+    tcone,
+    tessellation_safe,
+)
 from pipeline.culling.backface import Classifier
 from pipeline.types import U8, CullFlag, HullInput, PatchBounds
 
@@ -26,8 +35,11 @@ CULL_TESTS: dict[str, CullTest] = {
     "backface:tcone": tcone.cull_patches,
     "backface:tangent_plane": tangent_plane.cull_patches,
     "backface:normal_box": normal_box.cull_patches,
+    "backface:displaced": displaced.cull_patches,
     "backface:tessellation_safe": tessellation_safe.cull_patches,
 }
+
+TRIANGLE_SAFE = frozenset({"backface:tessellation_safe"})  # answer for every triangle, not for the surface
 
 FLAG_OF: dict[str, CullFlag] = {
     "frustum": CullFlag.FRUSTUM,
@@ -37,6 +49,7 @@ FLAG_OF: dict[str, CullFlag] = {
     "backface:tcone": CullFlag.BACKFACE,
     "backface:tangent_plane": CullFlag.BACKFACE,
     "backface:normal_box": CullFlag.BACKFACE,
+    "backface:displaced": CullFlag.BACKFACE,
     "backface:tessellation_safe": CullFlag.BACKFACE,
 }
 
@@ -45,6 +58,7 @@ CLASSIFIERS: dict[str, Classifier] = {
     "backface:tcone": tcone.classify_patches,
     "backface:tangent_plane": tangent_plane.classify_patches,
     "backface:normal_box": normal_box.classify_patches,
+    "backface:displaced": displaced.classify_patches,
     "backface:tessellation_safe": tessellation_safe.classify_patches,
 }
 

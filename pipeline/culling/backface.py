@@ -5,8 +5,11 @@ it is < 0. A test answers for the whole patch: every point front-facing or edge-
 edge-on (BACK), or neither is certain (SILHOUETTE). A matrix that mirrors exchanges what the rasterizer calls front and
 back, and so it does here.
 
-No test answers for a displaced patch: the normal of the displaced surface is not that of the base patch, and nothing here
-bounds it. The same holds for weights <= 0, an eye that is not known, and whatever gives a NaN.
+Which patches a test answers for is decided here, in one place. A displaced surface has another normal than its base, so the
+tests of base normals take undisplaced patches (`is_plain`); `displaced` and `tessellation_safe` bound the displaced normal,
+and take displaced patches that are one polynomial net (`is_single_net`): neither rational, nor ACC, whose displacement has
+the direction of other tangents. No test answers for Gregory patches (they are not the surface of 16 points), for weights
+<= 0, for an eye that is not known, and where something gives a NaN.
 """
 
 from collections.abc import Callable
@@ -14,7 +17,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from pipeline.types import F64, I64, U8, CullFlag, FaceCull, HullInput
+from pipeline.types import B1, F64, I64, U8, CullFlag, FaceCull, HullInput, Patches
 
 
 class Facing(IntEnum):
@@ -46,13 +49,24 @@ def mirrored(stage: HullInput) -> bool:
         return bool(np.linalg.det(rows / scale) > 0.0) if np.isfinite(rows).all() and scale.all() else False
 
 
-def undisplaced(stage: HullInput, numbers: I64) -> I64:
-    """Those of the patches `numbers` that a back-patch test may answer for."""
-    return numbers[stage.patches.map_id[numbers] < 0]
+def is_plain(patches: Patches, numbers: I64) -> B1:
+    """Which of the patches `numbers` are the surface of their 16 control points: undisplaced, Bezier or ACC."""
+    return (patches.map_id[numbers] < 0) & (patches.gregory_id[numbers] < 0)
+
+
+def is_single_net(patches: Patches, numbers: I64) -> B1:
+    """Which of the patches `numbers` follow from one net of points, all weights 1, displaced along its own normal or not."""
+    bezier = (patches.map_id[numbers] < 0) | (patches.tangent_id[numbers] < 0)
+    return bezier & (patches.gregory_id[numbers] < 0) & (patches.rational[numbers] == 0)
+
+
+def turn_mirrored(stage: HullInput, facing: U8) -> U8:
+    """`facing` with front and back exchanged where the view mirrors."""
+    return np.array([SILHOUETTE, BACK, FRONT], np.uint8)[facing] if mirrored(stage) else facing
 
 
 def classify_with(kernel: Callable[..., None], stage: HullInput, numbers: I64) -> U8:
-    """Run `kernel(control_points, rational, eye, numbers, out)` on the undisplaced patches of `numbers`.
+    """Run `kernel(control_points, rational, eye, numbers, out)` on the plain patches of `numbers`.
 
     Returns the Facing of each, uint8[len(numbers)], front and back exchanged where the view mirrors.
     """
@@ -60,12 +74,10 @@ def classify_with(kernel: Callable[..., None], stage: HullInput, numbers: I64) -
     eye = eye_or_none(stage)
     if eye is None:
         return facing
-    plain = stage.patches.map_id[numbers] < 0
+    plain = is_plain(stage.patches, numbers)
     out = np.zeros(int(plain.sum()), np.uint8)
     kernel(stage.patches.control_points, stage.patches.rational, eye, numbers[plain], out)
-    if mirrored(stage):
-        out = np.array([SILHOUETTE, BACK, FRONT], np.uint8)[out]
-    facing[plain] = out
+    facing[plain] = turn_mirrored(stage, out)
     return facing
 
 

@@ -6,8 +6,7 @@ edge from a to b on the line v0, and the third corner at c on the line v1, a tri
     h = |b - a|    k = |v1 - v0|    g = |c - a|, a being the end nearer to c    r = |c - a| |c - b| / k
 
 and its mirror image under u <-> v the same with an edge along v. Triangles with a right angle have g = r = 0 and count as
-having their edge along u. The hull stage does not know how its factors will be rounded, so a patch gets the worst of all
-partitionings.
+having their edge along u. A hull stage that is not told how its factors will be rounded takes the worst of all partitionings.
 """
 
 from enum import IntEnum
@@ -16,9 +15,15 @@ import numpy as np
 
 from pipeline.jit import helper, kernel
 from pipeline.tessellator import make_patterns
-from pipeline.types import F64, I64, TessFactors
+from pipeline.types import F64, I64, Partitioning, TessFactors
 
-PARTITIONINGS = ("integer", "fractional_odd", "fractional_even")  # `pow2` makes the patterns of `integer`
+PARTITIONINGS = {  # `pow2` makes the patterns of `integer`
+    Partitioning.ANY: ("integer", "fractional_odd", "fractional_even"),
+    Partitioning.INTEGER: ("integer",),
+    Partitioning.POW2: ("integer",),
+    Partitioning.FRACTIONAL_ODD: ("fractional_odd",),
+    Partitioning.FRACTIONAL_EVEN: ("fractional_even",),
+}
 WINDING = "triangle_ccw"  # counter-clockwise with v downwards: (u, v) area below 0
 
 
@@ -91,8 +96,8 @@ def _measure(uv, first_point, indices, first_triangle, steps):
             _measure_triangle(u, v, steps[k])
 
 
-def measure_steps(factors: TessFactors, numbers: I64) -> F64:
-    """Steps of the patches `numbers`, float64[len(numbers), NUM_STEPS]: the worst of all partitionings.
+def measure_steps(factors: TessFactors, numbers: I64, partitioning: int = Partitioning.ANY) -> F64:
+    """Steps of the patches `numbers`, float64[len(numbers), NUM_STEPS]; of ANY, the worst of all partitionings.
 
     Infinite where a factor culls the patch, and where a pattern turns a triangle over (two points that cross).
     """
@@ -100,8 +105,8 @@ def measure_steps(factors: TessFactors, numbers: I64) -> F64:
     six, of_patch = np.unique(both, axis=0, return_inverse=True)
     worst = np.zeros((len(six), NUM_STEPS))
     some = TessFactors(np.ascontiguousarray(six[:, :4]), np.ascontiguousarray(six[:, 4:]))
-    for partitioning in PARTITIONINGS:
-        patterns = make_patterns(some, partitioning, WINDING)
+    for name in PARTITIONINGS[Partitioning(partitioning)]:
+        patterns = make_patterns(some, name, WINDING)
         steps = np.zeros((len(patterns.first_point) - 1, NUM_STEPS))
         _measure(patterns.uv, patterns.first_point, patterns.indices, patterns.first_triangle, steps)
         steps = np.concatenate([steps, np.full((1, NUM_STEPS), np.inf)])  # the last one answers for -1

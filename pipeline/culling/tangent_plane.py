@@ -110,14 +110,14 @@ def _count(t, noise, uneven, negative, positive):
 
 
 @kernel
-def _sign_counts(control_points, eye, numbers, out):
+def _sign_counts(control_points, eyes, numbers, out):
     x, y, z = np.zeros((16, LANES)), np.zeros((16, LANES)), np.zeros((16, LANES))
     t, normal, noise = np.empty((64, LANES)), np.empty((3, LANES)), np.empty(LANES)
     negative, positive, uneven = np.empty(LANES, np.int64), np.empty(LANES, np.int64), np.zeros(LANES, np.bool_)
     for first in range(0, len(numbers), LANES):
         n = min(LANES, len(numbers) - first)
         for lane in range(n):
-            noise[lane], uneven[lane] = _load(control_points[numbers[first + lane]], eye, lane, x, y, z)
+            noise[lane], uneven[lane] = _load(control_points[numbers[first + lane]], eyes[first + lane], lane, x, y, z)
         sum_products(x, y, z, t, normal)
         _count(t, noise, uneven, negative, positive)
         for lane in range(n):
@@ -130,17 +130,23 @@ def sign_counts(stage: HullInput, numbers: I64) -> U8:
     (0, 0) for what is not known. N rule: back-facing where N_cnt = 64. P rule: where P_cnt = 0 and N_cnt > 0.
     """
     counts = np.zeros((len(numbers), 2), np.uint8)
-    _sign_counts(stage.patches.control_points, stage.eye, numbers, counts)
+    _sign_counts(stage.patches.control_points, np.tile(stage.eye, (len(numbers), 1)), numbers, counts)
     return counts
 
 
-def _classify(control_points: F32, rational: U8, eye: F64, numbers: I64, out: U8) -> None:
+def face_pairs(control_points: F32, eyes: F64, numbers: I64) -> U8:
+    """Facing of patch numbers[k] to the eye eyes[k], by the P rule: uint8[n]; eyes : float64[n, 3]."""
     counts = np.zeros((len(numbers), 2), np.uint8)
-    _sign_counts(control_points, eye, numbers, counts)
+    _sign_counts(control_points, eyes, numbers, counts)
     negative, positive = counts[:, 0] > 0, counts[:, 1] > 0
-    out[:] = SILHOUETTE
-    out[negative & ~positive] = BACK
-    out[positive & ~negative] = FRONT
+    facing = np.full(len(numbers), SILHOUETTE, np.uint8)
+    facing[negative & ~positive] = BACK
+    facing[positive & ~negative] = FRONT
+    return facing
+
+
+def _classify(control_points: F32, rational: U8, eye: F64, numbers: I64, out: U8) -> None:
+    out[:] = face_pairs(control_points, np.tile(eye, (len(numbers), 1)), numbers)
 
 
 def classify_patches(stage: HullInput, numbers: I64) -> U8:

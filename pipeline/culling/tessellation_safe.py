@@ -1,7 +1,8 @@
 """`backface:tessellation_safe`: never drops a patch of which a triangle can be set up at the frame's factors.
 
 Exact for the tessellation, as it stands on the 16.8 grid: not one triangle of a culled patch has the other sign of area
-after the float32 shader and the snap, whichever partitioning the factors are rounded by. This is proven, not measured:
+after the float32 shader and the snap, by the frame's partitioning (by any, where that is not known). This is proven, not
+measured:
 
 1. All in the clip-space rows Q = (x, y, w), homogeneous, so that rational patches are polynomials too. With w > 0 a
    triangle's area on the screen has the sign of F = det[Q0, Q1, Q2].
@@ -21,25 +22,23 @@ after the float32 shader and the snap, whichever partitioning the factors are ro
 5. Corners on the screen are off by at most d (float32, 16.8). An area A of edges e1, e2 then changes by no more than
    2 d (|e1| + |e2|) + 8 d^2 (1-norms), and |A| must exceed that: small or thin triangles, whose sign the snap decides, keep a
    patch alive.
-6. Patches that the clipper may cut (near, far, guard band), and displaced ones, are kept.
+6. Patches that the clipper may cut (near, far, guard band) are kept.
+7. Displaced patches: chords of the displaced surface in place of Q's, bounded part by part (`displaced`, `chords`); the
+   rounding of the displacement and of the normal adds to d. Rational, ACC and Gregory ones are kept.
 
 The frame of Q is sheared so that the patch's middle has x = y = 0: determinants stay, D becomes small.
 """
 
 import numpy as np
 
-from pipeline.culling.backface import BACK, FRONT, SILHOUETTE, cull_facing, eye_or_none, undisplaced
+from pipeline.culling.backface import BACK, FRONT, SILHOUETTE, cull_facing, eye_or_none, is_plain, is_single_net
+from pipeline.culling.displaced import classify_from
+from pipeline.culling.displaced_screen import view_of_matrix
 from pipeline.culling.pattern_steps import measure_steps
+from pipeline.culling.screen import LEAST_WEIGHT, MOST_PIXELS, MOST_WEIGHT, SNAP, U, clip_error
 from pipeline.culling.tangent_plane import LANES, sum_products
 from pipeline.jit import helper, kernel
 from pipeline.types import F64, I64, U8, FaceCull, HullInput, PatchBounds
-
-U = 2.0**-24
-CLIP_ERROR = 40.0 * U  # of a clip component, relative to its terms' magnitudes: 26 u position, 6 u matrix, rounded up
-SNAP = 1.0 / 512.0
-DENORMAL = 2.0**-118  # above what denormal products lose, after a division by LEAST_WEIGHT
-LEAST_WEIGHT, MOST_WEIGHT = 2.0**-20, 2.0**20  # of control points; other patches are kept
-MOST_PIXELS = 32000.0  # farther from pixel 0 the guard band is near
 
 
 @helper
@@ -184,13 +183,6 @@ def _largest(a, n, c):
 
 
 @helper
-def _clip_error(row, x, y, z):
-    """What the float32 shader may be off in the clip component of a matrix row; x, y, z: largest magnitudes."""
-    relative = CLIP_ERROR * (abs(row[0]) * x + abs(row[1]) * y + abs(row[2]) * z + abs(row[3]))
-    return relative + DENORMAL * (abs(row[0]) + abs(row[1]) + abs(row[2])) + DENORMAL
-
-
-@helper
 def _screen(cp, matrix, viewport, q, shear_x, shear_y):
     """How the patch lies on the screen: (whole, d, weight of an area).
 
@@ -203,10 +195,10 @@ def _screen(cp, matrix, viewport, q, shear_x, shear_y):
         most_x = max(most_x, abs(cp[k >> 2, k & 3, 0] / w))
         most_y = max(most_y, abs(cp[k >> 2, k & 3, 1] / w))
         most_z = max(most_z, abs(cp[k >> 2, k & 3, 2] / w))
-    error_x = _clip_error(matrix[0], most_x, most_y, most_z)
-    error_y = _clip_error(matrix[1], most_x, most_y, most_z)
-    error_z = _clip_error(matrix[2], most_x, most_y, most_z)
-    error_w = _clip_error(matrix[3], most_x, most_y, most_z)
+    error_x = clip_error(matrix[0], most_x, most_y, most_z)
+    error_y = clip_error(matrix[1], most_x, most_y, most_z)
+    error_z = clip_error(matrix[2], most_x, most_y, most_z)
+    error_w = clip_error(matrix[3], most_x, most_y, most_z)
     whole = True
     least_w, largest_w, ndc_x, ndc_y = np.inf, 0.0, 0.0, 0.0
     for k in range(16):
@@ -287,21 +279,27 @@ def _classify(stage: HullInput, numbers: I64, wanted: tuple[int, ...]) -> U8:
     answer = np.full(len(numbers), SILHOUETTE, np.uint8)
     if eye_or_none(stage) is None:
         return answer
-    at = np.flatnonzero(stage.patches.map_id[numbers] < 0)
-    plain = undisplaced(stage, numbers)
+    at = np.flatnonzero(is_plain(stage.patches, numbers))
+    plain = numbers[at]
     facing, margin = np.empty(len(plain), np.uint8), np.empty(len(plain))
     control_points, matrix = stage.patches.control_points, stage.clip_from_world.astype(np.float64)
     _least_plane(control_points, matrix, plain, facing, margin)
     one_way = np.flatnonzero(np.isin(facing, wanted))
-    steps: F64 = measure_steps(stage.factors, plain[one_way])
+    steps: F64 = measure_steps(stage.factors, plain[one_way], stage.partitioning)
     sides = facing[one_way]
     _keep_safe(control_points, matrix, stage.viewport, plain[one_way], steps, margin[one_way], sides)
     answer[at[one_way]] = sides
+    view = view_of_matrix(stage)
+    at = np.flatnonzero((stage.patches.map_id[numbers] >= 0) & is_single_net(stage.patches, numbers))
+    if view is not None and len(at):
+        steps = measure_steps(stage.factors, numbers[at], stage.partitioning)
+        sides = classify_from(stage, view, numbers[at], steps)
+        answer[at] = np.where(np.isin(sides, wanted), sides, SILHOUETTE)
     return answer
 
 
 def classify_patches(stage: HullInput, numbers: I64) -> U8:
-    """Facing, for every triangle at the frame's factors, of the patches `numbers`, uint8; SILHOUETTE for displaced ones."""
+    """Facing, for every triangle at the frame's factors, of the patches `numbers`, uint8."""
     return _classify(stage, numbers, (FRONT, BACK))
 
 
