@@ -247,7 +247,7 @@ BAD_OBJECTS = [  # text of the object; lines are counted from its first
     ('[[object]]\nbuilder = "teapot"\npatches = "flat.npy"\n', 1, ["object[0]: both builder and patches"]),
     ('[[object]]\nbuilder = "teapott"\n', 2, ['builder: "teapott"', "did you mean 'teapot'?", "spikelog"]),
     ("[[object]]\nbuilder = 4\n", 2, ["object[0].builder: 4", "one of"]),
-    ('[[object]]\npatches = "cage.obj"\n', 2, ['object[0].patches: "cage.obj"', ".npz or .npy"]),
+    ('[[object]]\npatches = "cage.obj"\n', 2, ['object[0].patches: "cage.obj"', ".npz, .npy"]),
     ('[[object]]\npatches = "flat.npy"\n[object.parameters]\n', 3, ["object[0].parameters", "builders"]),
     (OBJECT + "scale = 0\n", 3, ["object[0].scale: 0", "above 0"]),
     (OBJECT + "scale = [1, 2]\n", 3, ["object[0].scale: [1, 2]", "three"]),

@@ -13,7 +13,8 @@ from pydantic import ValidationError
 
 from pipeline.types import F32
 from tiler.errors import TilerError
-from tiler.scene import arrays, problems, schema
+from tiler.scene import map_files, mesh_files, problems, schema
+from tiler.scene.arrays import ArrayFault
 from tiler.scene.builders import BUILDERS
 from tiler.scene.maps import MAPS
 from tiler.scene.mesh import Mesh
@@ -168,8 +169,9 @@ def _mesh(checked: Checked, k: int, found: list[Problem]) -> Mesh | None:
         return BUILDERS[described.builder].build(checked.parameters[k])
     path = checked.file.parent / str(described.patches)
     try:
-        return arrays.read_patches(path)
-    except arrays.ArrayFault as fault:
+        mesh, _ = mesh_files.read_patches(path)
+        return mesh
+    except ArrayFault as fault:
         found.append(Problem(("object", k, "patches"), f"{path} {fault}"))
         return None
 
@@ -183,8 +185,8 @@ def _displacement(checked: Checked, k: int, found: list[Problem]) -> Displacemen
     if schema.is_map_file(described.map):
         path = checked.file.parent / described.map
         try:
-            texels = arrays.read_map(path)
-        except arrays.ArrayFault as fault:
+            texels = map_files.read_map(path, described.channel)
+        except ArrayFault as fault:
             found.append(Problem(("object", k, "displacement", "map"), f"{path} {fault}"))
             return None
     else:

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from tiler.scene import map_files, mesh_files
 from tiler.scene.builders import BUILDERS
 from tiler.scene.camera import view_axes
 from tiler.scene.maps import MAPS
@@ -54,17 +55,17 @@ def _known_builder(name: str) -> str:
 
 def is_map_file(name: str) -> bool:
     """Whether a displacement's `map` names a file; all other names are procedural maps."""
-    return name.endswith(".npy")
+    return name.lower().endswith(map_files.SUFFIXES)
 
 
 def _known_map(name: str) -> str:
     if not is_map_file(name) and name not in MAPS:
-        raise UnknownName([*MAPS, "FILE.npy"])
+        raise UnknownName([*MAPS, *(f"FILE{suffix}" for suffix in map_files.SUFFIXES)])
     return name
 
 
 def _patch_file(name: str) -> str:
-    if not name.endswith((".npz", ".npy")):
+    if not name.lower().endswith(mesh_files.PATCH_SUFFIXES):
         raise NotAllowed
     return name
 
@@ -139,8 +140,9 @@ class DisplacementFile(Strict):
     """Table [object.displacement]: displacement along the normal, `scale * map + bias` in world units."""
 
     map: Annotated[str, AfterValidator(_known_map)] = Field(
-        description="a file name ending in .npy, or one of " + MAP_NAMES
+        description=f"a file name ending in {', '.join(map_files.SUFFIXES)}, or one of {MAP_NAMES}"
     )
+    channel: map_files.Channel | None = Field(None, description="one of grey, r, g, b, a (of a map file)")
     size: int = whole(512, 16, 4096, " (texels along a side of a procedural map)")
     seed: int = whole(1, 0, 2**31 - 1, " (of a procedural map)")
     address: AddressMode = "wrap"
@@ -152,6 +154,8 @@ class DisplacementFile(Strict):
         given = [key for key in ("size", "seed") if key in self.model_fields_set]
         if is_map_file(self.map) and given:
             raise Faults(*(((key,), "belongs to procedural maps, and map names a file") for key in given))
+        if not is_map_file(self.map) and self.channel is not None:
+            raise Faults((("channel",), f"belongs to map files, and {self.map} is a procedural map"))
         return self
 
 
@@ -163,7 +167,7 @@ class ObjectFile(Strict):
     )
     parameters: dict[str, Any] = Field({}, description="a table of the builder's parameters")
     patches: Annotated[str, AfterValidator(_patch_file)] | None = Field(
-        None, description="a file name ending in .npz or .npy"
+        None, description=f"a file name ending in {', '.join(mesh_files.PATCH_SUFFIXES)}"
     )
     translate: Vector = Field((0.0, 0.0, 0.0), description=VECTOR_WORDS)
     rotate: Vector = Field((0.0, 0.0, 0.0), description=VECTOR_WORDS + " (degrees)")
