@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from pipeline.types import F32, F64, I64
+from tiler.scene.creature_hide import hide, small_hide
 from tiler.scene.noise import hash32, uniform
 from tiler.scene.rounding import STEP, cos_turns, sin_turns
 
@@ -143,4 +144,6 @@ MAPS: dict[str, Callable[[int, int], F32]] = {
     "leaves": leaves,
     "coffers": coffers,
     "stones": stones,
+    "hide": hide,
+    "small_hide": small_hide,
 }
