@@ -27,6 +27,7 @@ FILE_LIMIT = 2**31  # bytes
 CORNER_LIMIT = 2**26  # face corners
 VERTEX_LIMIT = 2**26
 BLOCK = 2**24  # bytes parsed at once
+INDEX_LIMIT = 10**18  # what a whole number of at most 18 digits stays below
 ABSENT = 2**62  # stands for the index that `v//vn` leaves out
 
 _CONTINUED = re.compile(rb"(?:[^\n]*\\\n)+[^\n]*")
@@ -151,7 +152,11 @@ def _corners(rows: list[list[bytes]]) -> tuple[I32, I64] | None:
         return None
     if not count:
         return sizes, np.zeros((0, 2), np.int64)
+    if (np.abs(np.where(values == ABSENT, 0, values)) > INDEX_LIMIT).any():  # the parser stops at the largest of int64
+        return None
     first = np.cumsum(slashes + 1) - (slashes + 1)
+    if (values[first] == ABSENT).any():
+        return None
     texcoord = np.where(slashes > 0, values[np.minimum(first + 1, len(values) - 1)], ABSENT)
     return sizes, np.stack([values[first], texcoord], axis=1)
 
