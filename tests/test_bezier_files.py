@@ -36,7 +36,8 @@ def test_raised_patches_are_the_same_surface(tmp_path, degree_u, degree_v):
     rng = np.random.default_rng(10 * degree_u + degree_v)
     points = rng.integers(-64, 64, (degree_u + 1, degree_v + 1, 3)) / 8.0
     weighted = np.concatenate([points, rng.integers(1, 32, (degree_u + 1, degree_v + 1, 1)) / 8.0], axis=2)
-    bv = f"Group 0 first of two\n5 {degree_u} {degree_v}\n{words(points)}\ngroup 1 x\n8\n{degree_u} {degree_v}\n{words(weighted)}\n"
+    degrees = f"{degree_u} {degree_v}"
+    bv = f"Group 0 first of two\n5 {degrees}\n{words(points)}\ngroup 1 x\n8\n{degrees}\n{words(weighted)}\n"
     found = read(tmp_path, "a.bv", bv)
     bpt = read(tmp_path, "a.bpt", f"1\n{degree_u} {degree_v}\n{words(points.transpose(1, 0, 2))}\n")
     assert found.shape == (2, 4, 4, 4) and bpt.shape == (1, 4, 4, 4) and found.dtype == np.float32

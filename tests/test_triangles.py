@@ -11,6 +11,8 @@ from tiler.scene import triangles
 from tiler.scene.arrays import ArrayFault
 from tiler.scene.mesh_files import read_patches
 
+XYZ = b"property float x\nproperty float y\nproperty float z\n"
+
 
 def area_of(points):
     """Area of each patch (n, 4, 4, 3) from its corners."""
@@ -85,7 +87,11 @@ def test_a_ball_hides_what_is_behind_it(tmp_path):
     ("name", "data", "said"),
     [
         ("a.ply", b"", "no .ply file"),
-        ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 3\nelement face 100000000\nend_header\n", "100,000,000 faces"),
+        (
+            "a.ply",
+            b"ply\nformat ascii 1.0\nelement vertex 3\nelement face 100000000\nend_header\n",
+            "100,000,000 faces",
+        ),
         ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 900000\nelement face 1\nend_header\n", "only 69 bytes"),
         ("a.off", b"OFF\n3 100000000 0\n", "100,000,000 faces"),
         ("a.off", b"OFF\n3 x\n", "no .off file"),
@@ -94,10 +100,10 @@ def test_a_ball_hides_what_is_behind_it(tmp_path):
         ("a.gltf", b'{"accessors": [{"count": 100000000}]}', "100,000,000 faces"),
         ("a.gltf", b"{", "no .gltf file"),
         ("a.glb", b"glTF" + b"\0" * 40, "no .glb file"),
-        ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n", "no "),
+        ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 1\n" + XYZ + b"end_header\n0 0 0\n", "no triangle"),
         ("a.xyz", b"", "ends in .xyz"),
     ],
-)  # fmt: skip
+)
 def test_faults(tmp_path, name, data, said):
     (tmp_path / name).write_bytes(data)
     with pytest.raises(ArrayFault) as caught:

@@ -4,6 +4,7 @@ Needs usd-core (extra `usd`). Points are in world space at the stage's default t
 prim has no default; later samples are not read. The prims' order is that of the stage.
 """
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ def read_usd(path: Path) -> tuple[list[ControlMesh], tuple[str, ...]]:
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
-        raise ArrayFault(f"is no USD file that can be read ({' '.join(str(error).split())[:160]})") from None
+        raise ArrayFault(f"is no USD file that can be read ({_reason(error)})") from None
     prims = [prim for prim in stage.Traverse(Usd.TraverseInstanceProxies()) if prim.IsA(UsdGeom.Mesh)]
     meshes: list[ControlMesh] = []
     warnings: list[str] = []
@@ -40,6 +41,13 @@ def read_usd(path: Path) -> tuple[list[ControlMesh], tuple[str, ...]]:
     if not meshes:
         raise ArrayFault(f"has {len(prims)} Mesh prims, none with a face; allowed: at least one")
     return meshes, tuple(warnings)
+
+
+def _reason(error: Any) -> str:
+    """The first of the messages that usd-core collected, without its own source lines."""
+    text = " ".join(str(getattr(error.args[0], "commentary", error.args[0])).split()) if error.args else "unknown"
+    line = re.search(r":(\d+):\d+: parse error", text)
+    return f"line {line[1]}: not valid" if line else text[:160]
 
 
 def _read_prim(mesh: Any) -> tuple[list[ControlMesh], list[str]]:
