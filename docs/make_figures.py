@@ -20,7 +20,7 @@ from tiler.counters import DEFINITIONS
 from tiler.files import write_bytes, write_png
 from tiler.quality import quality_table
 from tiler.scene import schema
-from tiler.scene.builders import BUILDERS
+from tiler.scene.builders import BUILDERS, MESH_BUILDERS
 
 ROOT = Path(__file__).resolve().parent.parent
 SIZE = (640, 360)
@@ -128,7 +128,7 @@ def scene_keys_table() -> str:
 
 def builders_table() -> str:
     """docs/scenes.md: the parameters of the builders."""
-    rows = [row for name, builder in BUILDERS.items() for row in keys_table(builder.parameters, f"{name}: ")]
+    rows = [row for name, b in (BUILDERS | MESH_BUILDERS).items() for row in keys_table(b.parameters, f"{name}: ")]
     return "\n".join(HEAD + rows)
 
 
