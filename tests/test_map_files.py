@@ -101,7 +101,7 @@ def test_arrays_are_not_turned(tmp_path):
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32])
-def test_exr(tmp_path, dtype):
+def test_exr(tmp_path, dtype, capfd):
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -121,11 +121,16 @@ def test_exr(tmp_path, dtype):
     assert "that differ" in fault(path)
     data = path.read_bytes()
     (tmp_path / "cut.exr").write_bytes(data[: len(data) - 20])
-    assert "cut.exr" not in fault(tmp_path / "cut.exr")
+    capfd.readouterr()
+    assert "cannot be decoded (" in fault(tmp_path / "cut.exr")
+    assert capfd.readouterr().out == ""  # standard output belongs to --json -
+    at = data.index(b"dataWindow\0box2i\0") + 21
+    wide = data[:at] + struct.pack("<4i", 0, 0, 19999, 1) + data[at + 16 :]
+    (tmp_path / "wide.exr").write_bytes(wide)
+    assert "20000 x 2 texels" in fault(tmp_path / "wide.exr")
     (tmp_path / "none.exr").write_bytes(b"not an image")
     assert "no EXR file" in fault(tmp_path / "none.exr")
-    assert "(1.0, 2.0)" not in fault(write("whole.exr", {"Z": GREY8.astype(np.uint32)}))
-    assert "uint32" in fault(tmp_path / "whole.exr")
+    assert "uint32; allowed: half, float" in fault(write("whole.exr", {"Z": GREY8.astype(np.uint32)}))
 
 
 def test_missing_extra(tmp_path, monkeypatch):

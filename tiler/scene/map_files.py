@@ -6,6 +6,8 @@ of 8 bits, v / 65535 of 16 bits; floats stay as they are. A map that holds 128 w
 bias = -scale * 128 / 255.
 """
 
+import contextlib
+import io
 import struct
 import warnings
 import zlib
@@ -183,11 +185,16 @@ def _exr_image(path: Path) -> Image:
     except ImportError:
         raise ArrayFault("needs the package OpenEXR: pip install 'tilesim[exr]'") from None
     try:
-        file = OpenEXR.File(str(path), separate_channels=True)
+        low, high = OpenEXR.File(str(path), header_only=True).header()["dataWindow"]
+        _check_size(int(high[0]) - int(low[0]) + 1, int(high[1]) - int(low[1]) + 1)  # before anything is decoded
+        with contextlib.redirect_stdout(io.StringIO()) as told:  # where OpenEXR says that it could not decode a part
+            file = OpenEXR.File(str(path), separate_channels=True)
+        if not file.parts:
+            raise ArrayFault(f"cannot be decoded ({' '.join(told.getvalue().split())[:120]})")
         if len(file.parts) != 1:
             raise ArrayFault(f"has {len(file.parts)} parts; allowed: one")
         pixels = {name: channel.pixels for name, channel in file.channels().items()}
-    except (RuntimeError, ValueError, TypeError, OSError, MemoryError) as error:
+    except (RuntimeError, ValueError, TypeError, KeyError, OSError, MemoryError) as error:
         if isinstance(error, ArrayFault):
             raise
         raise ArrayFault(f"is no EXR file that can be read ({' '.join(str(error).split())[:120]})") from None

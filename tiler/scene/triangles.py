@@ -19,6 +19,7 @@ from tiler.scene.mesh import Mesh, mesh_of
 SUFFIXES = (".ply", ".stl", ".off", ".glb", ".gltf")
 TRIANGLE_LIMIT = 2**22
 FILE_LIMIT = 2**30  # bytes
+HEAD = 65536  # bytes in which counts are looked for
 FLAT = 2.0**-20  # of a quad's size: so little may its fourth corner be off the plane of the others
 
 
@@ -99,10 +100,8 @@ def _load(path: Path) -> tuple[F32, I64]:
     import trimesh
 
     try:
-        # One scene of everything in the file, transforms applied; merged so that neighbours know of each other.
-        mesh: Any = trimesh.load_scene(path, process=False).to_mesh()
-        mesh.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=12)
-        points, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+        mesh: Any = trimesh.load_scene(path, process=False).to_mesh()  # everything in the file, transforms applied
+        points, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
     except Exception as error:  # trimesh raises what its parsers happen to meet in a broken file
         raise ArrayFault(f"is no {path.suffix.lower()} file of triangles that can be read ({_short(error)})") from None
     if faces.ndim != 2 or not len(faces):
@@ -111,13 +110,16 @@ def _load(path: Path) -> tuple[F32, I64]:
         raise ArrayFault(f"has {len(faces):,} triangles; allowed: at most {TRIANGLE_LIMIT:,}")
     if faces.min() < 0 or faces.max() >= len(points):
         raise ArrayFault(f"has vertex {int(faces.max())} in a triangle; allowed: 0 to {len(points) - 1}")
-    return float32_of(points.astype(np.float64), "vertices"), faces.astype(np.int64)
+    # Files repeat a vertex for each of its triangles or normals; neighbours know each other by equal positions.
+    merged, index = np.unique(float32_of(points, "vertices") + np.float32(0), axis=0, return_inverse=True)
+    return merged, index.reshape(-1)[faces].astype(np.int64)
 
 
 def _check_header(path: Path) -> None:
     """Refuse counts that are too large, or that the file has no room for, before anything is allocated for them."""
     size = path.stat().st_size
-    head = bytes_of(path, FILE_LIMIT)[:65536]
+    with path.open("rb") as file:
+        head = file.read(HEAD)
     kind = path.suffix.lower()
     if kind == ".ply":
         counts = [int(n) for n in re.findall(rb"element\s+\w+\s+(\d{1,18})", head.split(b"end_header")[0])]
