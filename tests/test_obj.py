@@ -215,6 +215,14 @@ def test_line_numbers_far_down(tmp_path, monkeypatch):
     assert fault(tmp_path, text).startswith("line 105:")
 
 
+@pytest.mark.parametrize("block", range(8, 60, 3))
+def test_blocks_end_where_lines_do(tmp_path, block, monkeypatch):
+    monkeypatch.setattr(obj, "BLOCK", block)
+    text = QUAD + "f 1 2 \\\n3 4\n" + "# a comment that is longer than a block or two, " * 3 + "\nf 4 3 \\\n2 \\\n1"
+    (mesh,), _ = read(tmp_path, text)
+    assert mesh.face_vertices.tolist() == [0, 1, 2, 3, 3, 2, 1, 0]
+
+
 def test_too_large_files_are_refused_before_they_are_read(tmp_path, monkeypatch):
     huge = tmp_path / "huge.obj"
     with huge.open("wb") as file:

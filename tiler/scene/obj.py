@@ -60,7 +60,7 @@ def read_obj(path: Path) -> tuple[list[ControlMesh], tuple[str, ...]]:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     blocks, corners, vertices = [], 0, 0
     for first_line, text in _blocks(data):
-        block = _parse(text, first_line, len(data))
+        block = _parse(text, first_line)
         corners += len(block.corners)
         vertices += max(len(block.vertices), len(block.texcoords))
         if corners > CORNER_LIMIT or vertices > VERTEX_LIMIT:
@@ -75,18 +75,18 @@ def _blocks(data: bytes) -> Iterator[tuple[int, bytes]]:
     """Pieces of whole lines, with the number of the first."""
     start, line = 0, 1
     while start < len(data):
-        end = len(data) if start + BLOCK >= len(data) else data.rfind(b"\n", start, start + BLOCK) + 1
-        while 0 < end < len(data) and data[end - 2 : end] == b"\\\n":  # a continued line stays in one piece
-            end = data.find(b"\n", end) + 1
-        if end <= start:  # no line end so near, or none any more
-            end = data.find(b"\n", start) + 1 or len(data)
+        end = len(data)
+        if start + BLOCK < len(data):  # the last line end in reach, else the first beyond
+            end = (data.rfind(b"\n", start, start + BLOCK) + 1) or (data.find(b"\n", start + BLOCK) + 1) or len(data)
+        while end < len(data) and data[end - 2 : end] == b"\\\n":  # a continued line stays in one piece
+            end = (data.find(b"\n", end) + 1) or len(data)
         text = data[start:end]
         yield line, text
         line += text.count(b"\n")
         start = end
 
 
-def _parse(text: bytes, first_line: int, size: int) -> _Block:
+def _parse(text: bytes, first_line: int) -> _Block:
     """One block. A continued line counts as its first line."""
     if b"\\\n" in text:
         text = _CONTINUED.sub(lambda m: m[0].replace(b"\\\n", b" ") + b"\n" * m[0].count(b"\n"), text)
