@@ -46,6 +46,14 @@ def read_map(path: Path) -> F32:
     return _float32(texels, "texels")
 
 
+def load_arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an .npz file by name."""
+    arrays = _load(path)
+    if "" in arrays:
+        raise ArrayFault("is one array; allowed: an archive of arrays (.npz)")
+    return arrays
+
+
 def _load(path: Path) -> dict[str, np.ndarray]:
     """The arrays of a file by name; that of an .npy file has the name ''."""
     if not path.exists():

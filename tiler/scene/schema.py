@@ -27,6 +27,7 @@ from tiler.scene.strict import (
 
 SIX_FACTORS = "a number above 0 and at most 64, or six of them (edges u=0, v=0, u=1, v=1, inside u, v)"
 SCALE = "a number above 0 and at most 1e+06, or three of them"
+MESH_SUFFIXES = (".obj", ".usd", ".usda", ".usdc", ".usdz")
 MAP_NAMES = ", ".join(MAPS)
 
 
@@ -65,6 +66,18 @@ def _known_map(name: str) -> str:
 
 def _patch_file(name: str) -> str:
     if not name.endswith((".npz", ".npy")):
+        raise NotAllowed
+    return name
+
+
+def _mesh_file(name: str) -> str:
+    if not name.lower().endswith(MESH_SUFFIXES):
+        raise NotAllowed
+    return name
+
+
+def _motion_file(name: str) -> str:
+    if not name.lower().endswith(".npz"):
         raise NotAllowed
     return name
 
@@ -156,7 +169,7 @@ class DisplacementFile(Strict):
 
 
 class ObjectFile(Strict):
-    """Table [[object]]: patches from a builder or a file, where they stand, and their displacement."""
+    """Table [[object]]: patches or a control mesh, where they stand, how they move, and their displacement."""
 
     builder: Annotated[str, AfterValidator(_known_builder)] | None = Field(
         None, description="one of " + ", ".join(BUILDERS)
@@ -165,6 +178,14 @@ class ObjectFile(Strict):
     patches: Annotated[str, AfterValidator(_patch_file)] | None = Field(
         None, description="a file name ending in .npz or .npy"
     )
+    mesh: Annotated[str, AfterValidator(_mesh_file)] | None = Field(
+        None, description=f"a file name ending in {', '.join(MESH_SUFFIXES)}"
+    )
+    basis: Literal["acc", "gregory"] = "acc"
+    refine: Literal["none", "uniform", "adaptive"] = "none"
+    animation: Annotated[str, AfterValidator(_motion_file)] | None = Field(
+        None, description="a file name ending in .npz"
+    )
     translate: Vector = Field((0.0, 0.0, 0.0), description=VECTOR_WORDS)
     rotate: Vector = Field((0.0, 0.0, 0.0), description=VECTOR_WORDS + " (degrees)")
     scale: Scale = Field((1.0, 1.0, 1.0), description=SCALE)
@@ -172,9 +193,13 @@ class ObjectFile(Strict):
 
     @model_validator(mode="after")
     def _has_one_source(self) -> "ObjectFile":
-        if (self.builder is None) == (self.patches is None):
-            words = "neither builder nor patches is" if self.builder is None else "both builder and patches are"
+        given = [key for key in ("builder", "patches", "mesh") if getattr(self, key) is not None]
+        if len(given) != 1:
+            words = "none of builder, patches and mesh is" if not given else f"{' and '.join(given)} are"
             raise Faults(((), f"{words} given; allowed: exactly one of them"))
+        wrong = [key for key in ("basis", "refine") if key in self.model_fields_set and self.mesh is None]
+        if wrong:
+            raise Faults(*(((key,), "belongs to a mesh, and this object is made of patches") for key in wrong))
         if self.builder is None and "parameters" in self.model_fields_set:
             raise Faults((("parameters",), "belongs to builders, and this object is read from a file"))
         return self
@@ -191,5 +216,5 @@ class SceneFile(Strict):
     tessellation: TessellationFile = Field(TessellationFile(), description="a table")
     camera: CameraFile = Field(description="a table [camera] with at least one [[camera.key]]")
     object: list[ObjectFile] = Field(
-        min_length=1, description="one or more tables [[object]] with a builder or patches"
+        min_length=1, description="one or more tables [[object]] with a builder, patches or a mesh"
     )
