@@ -243,8 +243,8 @@ BAD_CAMERAS = [
 BAD_OBJECTS = [  # text of the object; lines are counted from its first
     ("", 0, ["object: is missing", "[[object]]"]),
     ("object = []\n", 1, ["object: [] is not allowed", "[[object]]"]),
-    ("[[object]]\n", 1, ["object[0]: neither builder nor patches"]),
-    ('[[object]]\nbuilder = "teapot"\npatches = "flat.npy"\n', 1, ["object[0]: both builder and patches"]),
+    ("[[object]]\n", 1, ["object[0]: none of builder, patches and mesh is given"]),
+    ('[[object]]\nbuilder = "teapot"\npatches = "flat.npy"\n', 1, ["object[0]: builder and patches are given"]),
     ('[[object]]\nbuilder = "teapott"\n', 2, ['builder: "teapott"', "did you mean 'teapot'?", "spikelog"]),
     ("[[object]]\nbuilder = 4\n", 2, ["object[0].builder: 4", "one of"]),
     ('[[object]]\npatches = "cage.obj"\n', 2, ['object[0].patches: "cage.obj"', ".npz, .npy"]),

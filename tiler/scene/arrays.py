@@ -63,6 +63,14 @@ def bytes_of(path: Path, limit: int) -> bytes:
         raise ArrayFault(f"cannot be read ({error.strerror})") from None
 
 
+def load_arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an .npz file by name."""
+    arrays = _load(path)
+    if "" in arrays:
+        raise ArrayFault("is one array; allowed: an archive of arrays (.npz)")
+    return arrays
+
+
 def _load(path: Path) -> dict[str, np.ndarray]:
     """The arrays of a file by name; that of an .npy file has the name ''."""
     check_file(path)

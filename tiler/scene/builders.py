@@ -39,3 +39,5 @@ class MeshBuilder(NamedTuple):
 MESH_BUILDERS: dict[str, MeshBuilder] = {
     "creature": MeshBuilder(creature.Parameters, creature.num_faces, creature.build, creature_walk.skinning),
 }
+
+ALL_BUILDERS: dict[str, Builder | MeshBuilder] = {**BUILDERS, **MESH_BUILDERS}

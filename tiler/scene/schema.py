@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from tiler.scene import map_files, mesh_files
-from tiler.scene.builders import BUILDERS
+from tiler.scene.builders import ALL_BUILDERS, MESH_BUILDERS
 from tiler.scene.camera import view_axes
 from tiler.scene.maps import MAPS
 from tiler.scene.model import AddressMode, CullMode, Partitioning, Shading
@@ -28,6 +28,7 @@ from tiler.scene.strict import (
 
 SIX_FACTORS = "a number above 0 and at most 64, or six of them (edges u=0, v=0, u=1, v=1, inside u, v)"
 SCALE = "a number above 0 and at most 1e+06, or three of them"
+MESH_SUFFIXES = (".obj", ".usd", ".usda", ".usdc", ".usdz")
 MAP_NAMES = ", ".join(MAPS)
 
 
@@ -48,8 +49,8 @@ def _repeated(count: int, most: float) -> BeforeValidator:
 
 
 def _known_builder(name: str) -> str:
-    if name not in BUILDERS:
-        raise UnknownName(BUILDERS)
+    if name not in ALL_BUILDERS:
+        raise UnknownName(ALL_BUILDERS)
     return name
 
 
@@ -66,6 +67,18 @@ def _known_map(name: str) -> str:
 
 def _patch_file(name: str) -> str:
     if not name.lower().endswith(mesh_files.PATCH_SUFFIXES):
+        raise NotAllowed
+    return name
+
+
+def _mesh_file(name: str) -> str:
+    if not name.lower().endswith(MESH_SUFFIXES):
+        raise NotAllowed
+    return name
+
+
+def _motion_file(name: str) -> str:
+    if not name.lower().endswith(".npz"):
         raise NotAllowed
     return name
 
@@ -160,14 +173,22 @@ class DisplacementFile(Strict):
 
 
 class ObjectFile(Strict):
-    """Table [[object]]: patches from a builder or a file, where they stand, and their displacement."""
+    """Table [[object]]: patches or a control mesh, where they stand, how they move, and their displacement."""
 
     builder: Annotated[str, AfterValidator(_known_builder)] | None = Field(
-        None, description="one of " + ", ".join(BUILDERS)
+        None, description="one of " + ", ".join(ALL_BUILDERS)
     )
     parameters: dict[str, Any] = Field({}, description="a table of the builder's parameters")
     patches: Annotated[str, AfterValidator(_patch_file)] | None = Field(
         None, description=f"a file name ending in {', '.join(mesh_files.PATCH_SUFFIXES)}"
+    )
+    mesh: Annotated[str, AfterValidator(_mesh_file)] | None = Field(
+        None, description=f"a file name ending in {', '.join(MESH_SUFFIXES)}"
+    )
+    basis: Literal["acc", "gregory"] = "acc"
+    refine: Literal["none", "uniform", "adaptive"] = "none"
+    animation: Annotated[str, AfterValidator(_motion_file)] | None = Field(
+        None, description="a file name ending in .npz"
     )
     translate: Vector = Field((0.0, 0.0, 0.0), description=VECTOR_WORDS)
     rotate: Vector = Field((0.0, 0.0, 0.0), description=VECTOR_WORDS + " (degrees)")
@@ -176,9 +197,17 @@ class ObjectFile(Strict):
 
     @model_validator(mode="after")
     def _has_one_source(self) -> "ObjectFile":
-        if (self.builder is None) == (self.patches is None):
-            words = "neither builder nor patches is" if self.builder is None else "both builder and patches are"
+        given = [key for key in ("builder", "patches", "mesh") if getattr(self, key) is not None]
+        if len(given) != 1:
+            words = "none of builder, patches and mesh is" if not given else f"{' and '.join(given)} are"
             raise Faults(((), f"{words} given; allowed: exactly one of them"))
+        wrong = [
+            key
+            for key in ("basis", "refine")
+            if key in self.model_fields_set and self.mesh is None and self.builder not in MESH_BUILDERS
+        ]
+        if wrong:
+            raise Faults(*(((key,), "belongs to a mesh, and this object is made of patches") for key in wrong))
         if self.builder is None and "parameters" in self.model_fields_set:
             raise Faults((("parameters",), "belongs to builders, and this object is read from a file"))
         return self
@@ -195,5 +224,5 @@ class SceneFile(Strict):
     tessellation: TessellationFile = Field(TessellationFile(), description="a table")
     camera: CameraFile = Field(description="a table [camera] with at least one [[camera.key]]")
     object: list[ObjectFile] = Field(
-        min_length=1, description="one or more tables [[object]] with a builder or patches"
+        min_length=1, description="one or more tables [[object]] with a builder, patches or a mesh"
     )
