@@ -382,8 +382,8 @@ def test_text_that_is_no_toml(folder, content, place, words):
 
 def test_no_such_scene(folder):
     for source, words in (
-        ("teapott", ["scene: 'teapott'", "colonnade, spikelog, teapot, waves", "did you mean 'teapot'?"]),
-        ("qqq", ["scene: 'qqq'", "colonnade, spikelog, teapot, waves"]),
+        ("teapott", ["scene: 'teapott'", "colonnade, creature, creature_small, spikelog, teapot, waves", "did you mean 'teapot'?"]),
+        ("qqq", ["scene: 'qqq'", "colonnade, creature, creature_small, spikelog, teapot, waves"]),
         (folder / "gone.toml", ["gone.toml: no such scene file"]),
         (str(folder / "gone"), ["gone: no such scene file"]),
         (folder, [f"{folder}: is a folder"]),
