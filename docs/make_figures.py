@@ -23,7 +23,7 @@ from tiler.heatmaps import heatmap_picture
 from tiler.quality import quality_table
 from tiler.queue_models import load_queue_model, queue_model_names
 from tiler.scene import schema
-from tiler.scene.builders import BUILDERS
+from tiler.scene.builders import BUILDERS, MESH_BUILDERS
 
 ROOT = Path(__file__).resolve().parent.parent
 SIZE = (640, 360)
@@ -143,7 +143,7 @@ def scene_keys_table() -> str:
 
 def builders_table() -> str:
     """docs/scenes.md: the parameters of the builders."""
-    rows = [row for name, builder in BUILDERS.items() for row in keys_table(builder.parameters, f"{name}: ")]
+    rows = [row for name, b in (BUILDERS | MESH_BUILDERS).items() for row in keys_table(b.parameters, f"{name}: ")]
     return "\n".join(HEAD + rows)
 
 

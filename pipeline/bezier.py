@@ -55,6 +55,27 @@ def net(cp, c):
 
 
 @helper
+def net_34(p, c):
+    """Coordinate c of control vectors p[i, j], 3 along u and 4 along v."""
+    return (
+        (p[0, 0, c], p[1, 0, c], p[2, 0, c]),
+        (p[0, 1, c], p[1, 1, c], p[2, 1, c]),
+        (p[0, 2, c], p[1, 2, c], p[2, 2, c]),
+        (p[0, 3, c], p[1, 3, c], p[2, 3, c]),
+    )
+
+
+@helper
+def net_43(p, c):
+    """Coordinate c of control vectors p[i, j], 4 along u and 3 along v."""
+    return (
+        (p[0, 0, c], p[1, 0, c], p[2, 0, c], p[3, 0, c]),
+        (p[0, 1, c], p[1, 1, c], p[2, 1, c], p[3, 1, c]),
+        (p[0, 2, c], p[1, 2, c], p[2, 2, c], p[3, 2, c]),
+    )
+
+
+@helper
 def _steps(p):
     return p[1] - p[0], p[2] - p[1], p[3] - p[2]
 

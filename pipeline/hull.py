@@ -1,6 +1,7 @@
 """Hull shader, patch-constant phase: non-finite patches, tessellation factors, and the list of patches that live on.
 
-The control-point phase of a Bezier patch hands its 16 control points through.
+The control-point phase of a Bezier patch hands its 16 control points through; that of a subdivision surface is
+pipeline/subdivision/control_points.py, of which `surface_patches` makes patches.
 """
 
 from collections.abc import Sequence
@@ -10,6 +11,8 @@ import numpy as np
 from pipeline.culling import CULL_TESTS
 from pipeline.jit import helper, kernel
 from pipeline.minmax import build_pyramids
+from pipeline.subdivision.control_points import run_control_points
+from pipeline.subdivision.surface import Basis, Surface
 from pipeline.types import (
     F32,
     F64,
@@ -35,11 +38,79 @@ def flag_nonfinite(patches: Patches, ranges: F64) -> U8:
     ranges : float64[L, 2] of `displacement.map_ranges`, NaN for a map that holds a NaN or infinity.
     """
     fine = np.isfinite(patches.control_points).all(axis=(1, 2, 3))
+    for table, row in (
+        (patches.tangent_u, patches.tangent_id),
+        (patches.tangent_v, patches.tangent_id),
+        (patches.inner, patches.gregory_id),
+    ):
+        fine &= np.append(np.isfinite(table).all(axis=(1, 2, 3)), True)[row]  # the last one answers row -1
     displaced = patches.map_id >= 0
     if displaced.any():
         map_fine = np.append(np.isfinite(ranges).all(axis=1), True)  # the last one answers map_id = -1
         fine &= map_fine[patches.map_id] & (np.isfinite(patches.texcoords).all(axis=(1, 2)) | ~displaced)
     return np.where(fine, np.uint8(CullFlag.ALIVE), np.uint8(CullFlag.NONFINITE))
+
+
+def surface_patches(surface: Surface, vertices: F32, map_id: int, object_id: int) -> Patches:
+    """Control-point phase: patches of a subdivision surface, of its control mesh's points float32[V, 3] in world space."""
+    made = run_control_points(surface, vertices, map_id >= 0)
+    n = surface.num_patches
+    none, all_of_them = np.full(n, -1, np.int32), np.arange(n, dtype=np.int32)
+    return Patches(
+        control_points=made.control_points,
+        rational=np.zeros(n, np.uint8),
+        texcoords=surface.texcoords,
+        map_id=np.full(n, map_id, np.int32),
+        object_id=np.full(n, object_id, np.int32),
+        tangent_id=surface.irregular_id if surface.basis == Basis.ACC else none,
+        gregory_id=surface.irregular_id if surface.basis == Basis.GREGORY else none,
+        tangent_u=made.tangent_u,
+        tangent_v=made.tangent_v,
+        inner=made.inner,
+        normal_id=all_of_them if map_id >= 0 else none,
+        edge_row=surface.edge_row,
+        corner_row=surface.corner_row,
+        edge_normals=made.edge_normals,
+        corner_normals=made.corner_normals,
+        normal_slack=made.normal_slack,
+    )
+
+
+def num_control_points(patches: Patches) -> int:
+    """Runs of the control-point phase: 16 for a Bezier patch, 20 for a Gregory patch, 32 for one with tangent patches.
+
+    Those 32 are the 16 points and the 16 tangent control vectors that do not follow from them: the middle row of each
+    tangent patch is a difference of points. 32 is also the most that D3D11 lets a hull shader put out.
+    """
+    acc, gregory = (int(np.count_nonzero(row >= 0)) for row in (patches.tangent_id, patches.gregory_id))
+    return 16 * len(patches.control_points) + 16 * acc + 4 * gregory
+
+
+def join_patches(parts: Sequence[Patches]) -> Patches:
+    """The patches of all parts, one part after the other, with one set of tables."""
+    if len(parts) == 1:
+        return parts[0]
+    fields: dict[str, list[np.ndarray]] = {name: [] for name in Patches._fields}
+    for part in parts:
+        size = {name: sum(map(len, fields[name])) for name in fields}  # rows of each table so far
+        for name, values in part._asdict().items():
+            base = size[_TABLE_OF[name]] if name in _TABLE_OF else 0
+            if name == "edge_row":  # ~row where against: the complement moves the other way
+                values = np.where(values >= 0, values + base, values - base)
+            elif base:
+                values = np.where(values >= 0, values + base, values)
+            fields[name].append(values.astype(np.int32) if base else values)
+    return Patches(**{name: np.concatenate(values) for name, values in fields.items()})
+
+
+# Rows of which table a field holds.
+_TABLE_OF = {
+    "tangent_id": "tangent_u",
+    "gregory_id": "inner",
+    "normal_id": "edge_row",
+    "edge_row": "edge_normals",
+    "corner_row": "corner_normals",
+}
 
 
 def make_input(

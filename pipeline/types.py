@@ -90,6 +90,9 @@ class Patches(NamedTuple):
     Three kinds. Bezier (both ids -1): the normal is that of the derivatives. ACC (`tangent_id`): positions as Bezier, the
     normal is that of two tangent patches of bi-degree (2, 3) and (3, 2). Gregory (`gregory_id`): each inner control point
     is a quotient of two given points, which depends on (u, v); `control_points` holds their mean there.
+
+    Patches of one surface may share normals on their edges (`normal_id`): displaced points there use those of the edge,
+    and of the vertex at a corner, so both sides get the same bits. They differ from the patch's own by `normal_slack`.
     """
 
     control_points: F32  # (P, 4, 4, 4) homogeneous (wx, wy, wz, w), [p, i, j]: i along u, j along v
@@ -102,6 +105,12 @@ class Patches(NamedTuple):
     tangent_u: F32  # (A, 3, 4, 3) control vectors of bi-degree (2, 3), [a, i, j]: i along u, j along v
     tangent_v: F32  # (A, 4, 3, 3) control vectors of bi-degree (3, 2)
     inner: F32  # (G, 4, 2, 3) f+ and f- of the corners (u, v) = (0,0) (1,0) (1,1) (0,1)
+    normal_id: I32  # (P,) row of the patch in edge_row and corner_row, -1 = its edges have its own normals
+    edge_row: I32  # (M, 4) rows of edge_normals, SV_TessFactor order; ~row where the edge runs against u or v
+    corner_row: I32  # (M, 4) rows of corner_normals at (u, v) = (0,0) (1,0) (0,1) (1,1)
+    edge_normals: F32  # (E, 6, 3) control vectors of degree 5 of the edge's normal, not unit
+    corner_normals: F32  # (V, 3) unit
+    normal_slack: F32  # (P,) at most this far is the unit normal on an edge from that of the patch's own tangents
 
     def take(self, rows: I32 | I64) -> "Patches":
         """The patches of these numbers, in this order; the tables of tangents and inner points stay whole."""
@@ -113,6 +122,8 @@ class Patches(NamedTuple):
             object_id=self.object_id[rows],
             tangent_id=self.tangent_id[rows],
             gregory_id=self.gregory_id[rows],
+            normal_id=self.normal_id[rows],
+            normal_slack=self.normal_slack[rows],
         )
 
 

@@ -29,6 +29,21 @@ def transform_control_points(control_points: F32, object_id: I32, transforms: F3
     return out
 
 
+@kernel
+def _transform_vertices(vertices, m, out):
+    for v in range(len(vertices)):
+        x, y, z = vertices[v]
+        for r in range(3):
+            out[v, r] = ((m[r, 0] * x + m[r, 1] * y) + m[r, 2] * z) + m[r, 3]
+
+
+def transform_vertices(vertices: F32, transform: F32) -> F32:
+    """World-space points, float32[V, 3], of object-space ones; transform : float32[3, 4] of their object."""
+    out = np.empty_like(vertices)
+    _transform_vertices(vertices, transform, out)
+    return out
+
+
 def make_patches(control_points: F32, texcoords: F32, map_id: I32, object_id: I32) -> Patches:
     """Bezier patches from world-space control points; marks the rational ones."""
     rational = (control_points[..., 3] != 1).any(axis=(1, 2)).astype(np.uint8)
@@ -44,4 +59,10 @@ def make_patches(control_points: F32, texcoords: F32, map_id: I32, object_id: I3
         tangent_u=np.empty((0, 3, 4, 3), np.float32),
         tangent_v=np.empty((0, 4, 3, 3), np.float32),
         inner=np.empty((0, 4, 2, 3), np.float32),
+        normal_id=none.copy(),
+        edge_row=np.empty((0, 4), np.int32),
+        corner_row=np.empty((0, 4), np.int32),
+        edge_normals=np.empty((0, 6, 3), np.float32),
+        corner_normals=np.empty((0, 3), np.float32),
+        normal_slack=np.zeros(len(control_points), np.float32),
     )

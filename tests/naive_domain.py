@@ -6,6 +6,7 @@ derivatives) and tell how far both may be from the truth.
 """
 
 from itertools import pairwise
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
@@ -163,13 +164,86 @@ def displacement(image, texcoords, u, v):
     return scale * value + bias, *slopes
 
 
-def displaced_normal(a, b, n, along_u, along_v):
-    """Unit of 3 (A x B) + t_v (A x n) + t_u (n x B), where A and B are thirds of the derivatives."""
+def displaced_normal(a, b, n, along_u, along_v, scale=3):
+    """Unit of 3 (A x B) + t_v (A x n) + t_u (n x B), where A and B are thirds of the derivatives; or wholes, scale 1."""
     base, by_v, by_u = cross(a, b), cross(a, n), cross(n, b)
-    m = [F(3) * base[c] + (along_v * by_v[c] + along_u * by_u[c]) for c in range(3)]
+    m = [F(scale) * base[c] + (along_v * by_v[c] + along_u * by_u[c]) for c in range(3)]
     if not (square(base) > F(2.0**-100) and F(2.0**-100) < square(m) < F(2.0**100)):
         return n
     return [x / np.sqrt(square(m)) for x in m]
+
+
+def gregory_net(cp, inner, c, u, v):
+    """Net of one coordinate with the inner points of (u, v), and a third of what their change adds to both derivatives."""
+    net, one, s, r = coordinate(cp, c), F(1), F(1) - u, F(1) - v
+    add_u, add_v = [], []
+    third = one / (one + one + one)
+    bu, bv = cubic(u), cubic(v)
+    # Corner: indices, weights of f+ and f-, and the factors of the slope along u and v (the sign comes with the sum).
+    corners = [((1, 1), u, v, v, u), ((2, 1), v, s, v, s), ((2, 2), s, r, r, s), ((1, 2), r, u, r, u)]
+    for (plus, minus), ((i, j), a, b, _, _) in zip(inner[:, :, c], corners, strict=True):
+        d = one / (a + b if a + b > 0 else one)
+        net[i][j] = (a * plus + b * minus) * d
+        slope = (plus - minus) * (d * d) * (bu[i] * bv[j])
+        add_u.append(slope)
+        add_v.append(slope)
+    along_u = (v * (add_u[0] + add_u[1]) - r * (add_u[2] + add_u[3])) * third
+    along_v = (s * (add_v[1] + add_v[2]) - u * (add_v[0] + add_v[3])) * third
+    return net, along_u, along_v
+
+
+def edge_normal(net, t):
+    """Unit normal of an edge's six control vectors (float32[6, 3]) at t."""
+    s = F(1) - t
+    tt, ss = t * t, s * s
+    basis = [(ss * ss) * s, (F(5) * t) * (ss * ss), (F(10) * tt) * (ss * s), (F(10) * ss) * (tt * t)]
+    basis += [(F(5) * s) * (tt * tt), (tt * tt) * t]
+    b = [[basis[k] * net[k, c] for k in range(6)] for c in range(3)]
+    n = [((x[0] + x[5]) + (x[1] + x[4])) + (x[2] + x[3]) for x in b]
+    if square(n) > F(2.0**-20):
+        return [x / np.sqrt(square(n)) for x in n]
+    return None
+
+
+def shared_normal(patches, p, u, v):
+    """The normal that patch p shares with its neighbours at (u, v); None inside, and where the edge's is uncertain."""
+    row = patches.normal_id[p]
+    if row < 0 or (0 < u < 1 and 0 < v < 1):
+        return None
+    if u in (0, 1) and v in (0, 1):
+        return list(patches.corner_normals[patches.corner_row[row, int(u) + 2 * int(v)]])
+    e = {(True, 0): 0, (True, 1): 2, (False, 0): 1, (False, 1): 3}[u in (0, 1), int(u) if u in (0, 1) else int(v)]
+    t, edge = (v if u in (0, 1) else u), patches.edge_row[row, e]
+    return edge_normal(patches.edge_normals[edge] if edge >= 0 else patches.edge_normals[~edge][::-1], t)
+
+
+def naive_shade_patch(patches, p, image, matrix, u, v):
+    """As `naive_shade`, for patch p of any kind whose normals do not vanish."""
+    with np.errstate(all="ignore"):
+        u, v = F(u), F(v)
+        cp, bu, bv, qu, qv = patches.control_points[p], cubic(u), cubic(v), quadratic(u), quadratic(v)
+        nets, scale = [coordinate(cp, c) for c in range(3)], F(3)
+        if patches.tangent_id[p] >= 0:
+            tu, tv = patches.tangent_u[patches.tangent_id[p]], patches.tangent_v[patches.tangent_id[p]]
+            a = [evaluate([[tu[i, j, c] for j in range(4)] for i in range(3)], qu, bv) for c in range(3)]
+            b = [evaluate([[tv[i, j, c] for j in range(3)] for i in range(4)], bu, qv) for c in range(3)]
+            scale = F(1)
+        else:
+            added = [(F(0), F(0))] * 3
+            if patches.gregory_id[p] >= 0:
+                made = [gregory_net(cp, patches.inner[patches.gregory_id[p]], c, u, v) for c in range(3)]
+                nets, added = [m[0] for m in made], [m[1:] for m in made]
+            a = [evaluate(step_u(nets[c]), qu, bv) + added[c][0] for c in range(3)]
+            b = [evaluate(step_v(nets[c]), bu, qv) + added[c][1] for c in range(3)]
+        point = [evaluate(net, bu, bv) for net in nets]
+        n = base_normal(cp, False, a, b, u, v)
+        if image is not None:
+            n = shared_normal(patches, p, u, v) or n
+            t, along_u, along_v = displacement(image, patches.texcoords[p], u, v)
+            point = [point[c] + t * n[c] for c in range(3)]
+            n = displaced_normal(a, b, n, along_u, along_v, scale)
+        clip = [((row[0] * point[0] + row[1] * point[1]) + row[2] * point[2]) + row[3] for row in matrix]
+        return np.array(clip, F), np.array(n, F)
 
 
 def naive_shade(cp, texcoords, image, matrix, u, v):
@@ -193,6 +267,11 @@ def naive_shade(cp, texcoords, image, matrix, u, v):
 
 
 # The truth, in float64
+
+
+def bernstein(degree, t):
+    """All Bernstein polynomials of a degree at t."""
+    return np.array([comb(degree, k) * t**k * (1 - t) ** (degree - k) for k in range(degree + 1)])
 
 
 def de_casteljau(points, t):

@@ -36,6 +36,7 @@ from tests.naive_primitives import NaiveTriangle, naive_assemble, twice_area
 from tests.naive_queue_memory import NaiveQueueMemory
 from tiler.config import Machine
 from tiler.counters import DEFINITIONS
+from tiler.front_end import run_vertex_shader
 from tiler.queue_models import load_queue_model
 from tiler.scene.camera import Camera, camera_at
 from tiler.scene.model import Scene
@@ -78,6 +79,7 @@ class NaiveMachine:
     scene: Scene
     machine: Machine
     camera: Camera
+    number: float = 0.0
     counters: dict[str, int] = field(default_factory=lambda: dict.fromkeys(DEFINITIONS, 0))
     tile: int | None = None  # the tile being worked off; None in the front end
 
@@ -87,6 +89,8 @@ class NaiveMachine:
         size = self.machine.tile
         self.tiles_x, self.tiles_y = math.ceil(p.width / size), math.ceil(p.height / size)
         self.tiles = {name: [0] * (self.tiles_x * self.tiles_y) for name in COUNTED_BY_TILE}
+        if self.scene.meshes:
+            self.patches = run_vertex_shader(self.scene, self.number)
         self.maps = pack_maps([(m.texels, Address[m.address.upper()], m.scale, m.bias) for m in self.scene.maps])
         self.depth = np.ones((p.height, p.width, p.samples), f32)
         self.seen: dict[tuple[int, int, int], int] = {}  # the patch at each sample that has one
@@ -99,22 +103,43 @@ class NaiveMachine:
     # Per patch.
 
     def patch(self, p: int) -> Patches:
-        """Patch p alone, in world space."""
+        """Patch p alone, in world space; those of subdivision surfaces come from production."""
         scene = self.scene
+        if scene.meshes:
+            return self.patches.take(np.array([p]))
         m = scene.transforms[scene.object_id[p]]
         world = np.empty((1, 4, 4, 4), f32)
         with np.errstate(all="ignore"):
             for i in range(4):
                 for j in range(4):
-                    self.count("vs_invocations")
                     x, y, z, w = scene.control_points[p, i, j]
                     for r in range(3):
                         world[0, i, j, r] = ((m[r, 0] * x + m[r, 1] * y) + m[r, 2] * z) + m[r, 3] * w
                     world[0, i, j, 3] = w
         return make_patches(world, scene.texcoords[p : p + 1], scene.map_id[p : p + 1], scene.object_id[p : p + 1])
 
+    def vertex_shader(self) -> None:
+        """Count the control points: 16 for each patch, and each vertex of a mesh that one of its faces has."""
+        for _ in range(16 * len(self.scene.control_points)):
+            self.count("ia_vertices")
+            self.count("vs_invocations")
+        for mesh in self.scene.meshes:
+            for _ in range(mesh.surface.used_vertices):
+                self.count("ia_vertices")
+                self.count("vs_invocations")
+
+    def control_points(self, patch: Patches) -> int:
+        """Runs of the hull shader's control-point phase for a patch."""
+        if patch.tangent_id[0] >= 0:
+            return 16 + 16
+        return 20 if patch.gregory_id[0] >= 0 else 16
+
     def finite(self, patch: Patches) -> bool:
         values = list(patch.control_points.flat)
+        if patch.tangent_id[0] >= 0:
+            values += [*patch.tangent_u[patch.tangent_id[0]].flat, *patch.tangent_v[patch.tangent_id[0]].flat]
+        if patch.gregory_id[0] >= 0:
+            values += [*patch.inner[patch.gregory_id[0]].flat]
         if patch.map_id[0] >= 0:
             displacement = self.scene.maps[patch.map_id[0]]
             values += [*patch.texcoords.flat, *displacement.texels.flat, displacement.scale, displacement.bias]
@@ -123,12 +148,13 @@ class NaiveMachine:
     def hull_shader(self) -> list[tuple[int, Patches, np.ndarray]]:
         """Patches that live on, in submit order: number, patch, and the pixels of its bound."""
         alive = []
-        for p in range(len(self.scene.control_points)):
+        self.vertex_shader()
+        for p in range(self.scene.num_patches):
             self.count("ia_primitives")
-            for _ in range(16):
-                self.count("ia_vertices")
             patch = self.patch(p)
             self.count("hs_invocations")
+            for _ in range(self.control_points(patch)):
+                self.count("hs_control_points")
             if not self.finite(patch):
                 self.count("hs_culled_nonfinite")
                 continue
@@ -347,7 +373,7 @@ def queued_in(item: object, queues: list[list]) -> list[int]:
 def simulate_naively(scene: Scene, machine: Machine, frame: float = 0) -> NaiveFrame:
     """What `tiler.simulate` answers, the slow way, up to the shading of what is seen."""
     picture = scene.picture
-    m = NaiveMachine(scene, machine, camera_at(scene.camera, frame, picture.width / picture.height))
+    m = NaiveMachine(scene, machine, camera_at(scene.camera, frame, picture.width / picture.height), frame)
     alive = m.hull_shader()
     if machine.binning == "triangle":
         m.run_triangle_binning(alive)

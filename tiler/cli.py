@@ -315,6 +315,26 @@ def validate(
 
 
 @app.command
+def info(file: Path, *, json: JsonPath = None) -> None:
+    """Say what is in a mesh, patch or displacement map file: faces, valences, boundaries, texture coordinates, ranges.
+
+    Examples: `tiler info bigguy.obj`; `tiler info height.png --json -`.
+
+    Parameters
+    ----------
+    file
+        The file; the end of its name says what it is.
+    json
+        Write the result as JSON to this file; - for standard output and nothing else there.
+    """
+    from tiler.scene.info import file_info, info_text
+
+    found = file_info(file)
+    if not _write_json(found, json):
+        print(info_text(found))
+
+
+@app.command
 def warmup() -> None:
     """Compile all kernels now and keep them on disk, so that the first frame does not wait for it."""
     import time

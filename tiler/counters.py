@@ -15,7 +15,8 @@ class Definition(NamedTuple):
 
 DEFINITIONS: dict[str, Definition] = {
     "ia_vertices": Definition(
-        "input assembler", "control points", "Control points assembled: 16 for each patch.",
+        "input assembler", "control points", "Control points assembled: 16 for each patch; of a subdivision mesh each "
+        "vertex that a face has, once, because its patches are indexed.",
         "D3D11 IAVertices, Vulkan INPUT_ASSEMBLY_VERTICES, GL VERTICES_SUBMITTED",
     ),
     "ia_primitives": Definition(
@@ -23,12 +24,17 @@ DEFINITIONS: dict[str, Definition] = {
         "D3D11 IAPrimitives, Vulkan INPUT_ASSEMBLY_PRIMITIVES, GL PRIMITIVES_SUBMITTED",
     ),
     "vs_invocations": Definition(
-        "vertex shader", "control points", "Vertex-shader runs; patches are not indexed, so one for each control point.",
+        "vertex shader", "control points", "Vertex-shader runs: one for each control point of a patch, which are not "
+        "indexed, and for each vertex of a subdivision mesh, which are; a vertex cache that forgets none.",
         "D3D11 VSInvocations, Vulkan VERTEX_SHADER_INVOCATIONS",
     ),
     "hs_invocations": Definition(
         "hull shader", "patches", "Patches for which the hull shader ran, culled ones included.",
         "D3D11 HSInvocations, Vulkan TESSELLATION_CONTROL_SHADER_PATCHES",
+    ),
+    "hs_control_points": Definition(
+        "hull shader", "control points", "Runs of the control-point phase: 16 for a Bezier patch, 20 for a Gregory patch, 32 "
+        "for a patch with tangent patches (16 points and the 16 tangent vectors that do not follow from them).",
     ),
     "hs_culled_nonfinite": Definition("hull shader", "patches", "Patches dropped for a NaN or infinity in their input."),
     "hs_culled_frustum": Definition("hull shader", "patches", "Patches whose bound lies outside a plane of the frustum."),

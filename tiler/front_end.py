@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline import domain, hull, primitives, vertex
+from pipeline import animate, domain, hull, primitives, vertex
 from pipeline.culling import tangent_plane
 from pipeline.culling.backface import Facing
 from pipeline.displacement import pack_maps
@@ -75,10 +75,24 @@ def scene_maps(scene: Scene) -> PackedMaps:
     return packed
 
 
-def run_vertex_shader(scene: Scene) -> Patches:
-    """World-space patches of the scene."""
-    world = vertex.transform_control_points(scene.control_points, scene.object_id, scene.transforms)
-    return vertex.make_patches(world, scene.texcoords, scene.map_id, scene.object_id)
+def run_vertex_shader(scene: Scene, number: float) -> Patches:
+    """World-space patches of the scene at frame `number`: vertex shader and the hull shader's control-point phase."""
+    motions = scene.motions or (None,) * len(scene.transforms)
+    transforms = np.stack(
+        [animate.transform_at(m, motion, number) for m, motion in zip(scene.transforms, motions, strict=True)]
+    )
+    parts = []
+    if len(scene.control_points) or not scene.meshes:
+        world = vertex.transform_control_points(scene.control_points, scene.object_id, transforms)
+        parts.append(vertex.make_patches(world, scene.texcoords, scene.map_id, scene.object_id))
+    for mesh in scene.meshes:
+        posed = animate.pose(mesh.vertices, motions[mesh.object_id], number)
+        world = vertex.transform_vertices(posed, transforms[mesh.object_id])
+        parts.append(hull.surface_patches(mesh.surface, world, mesh.map_id, mesh.object_id))
+    patches = hull.join_patches(parts)
+    if scene.meshes and (np.diff(patches.object_id) < 0).any():
+        patches = patches.take(np.argsort(patches.object_id, kind="stable"))
+    return patches
 
 
 def tess_factors(policy: Tessellation, patches: Patches, camera: Camera, viewport: Viewport) -> TessFactors:

@@ -69,7 +69,7 @@ def live_patches(scene: Scene, machine: Machine, number: float) -> Alive:
     """The front end of a frame up to the tessellator, as `machine.render_frame` runs it."""
     viewport = Viewport(0, 0, scene.picture.width, scene.picture.height, 0.0, 1.0)
     camera = camera_at(scene.camera, number, viewport.width / viewport.height)
-    patches = front_end.run_vertex_shader(scene)
+    patches = front_end.run_vertex_shader(scene, number)
     factors = front_end.tess_factors(scene.tessellation, patches, camera, viewport)
     stage = front_end.hull_input(scene, patches, front_end.scene_maps(scene), factors, camera, viewport)
     stage = front_end.raise_silhouettes(scene, stage)

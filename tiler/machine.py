@@ -31,7 +31,7 @@ def render_frame(scene: Scene, machine: Machine, number: float, host: Host, prog
     memory = make_queue_memory(machine, grid, scene.picture.samples)
 
     # Per patch: vertex shader, hull shader, tessellator.
-    patches = front_end.run_vertex_shader(scene)
+    patches = front_end.run_vertex_shader(scene, number)
     factors = front_end.tess_factors(scene.tessellation, patches, camera, viewport)
     stage = front_end.hull_input(scene, patches, packed, factors, camera, viewport)
     stage = front_end.raise_silhouettes(scene, stage)
@@ -42,7 +42,7 @@ def render_frame(scene: Scene, machine: Machine, number: float, host: Host, prog
     patterns = make_patterns(stage.factors, scene.tessellation.partitioning, front_end.WINDING)
     hull.flag_factors(patterns.of_patch, flags)
     live = hull.live_patches(flags)
-    tally.count_patches(flags, patterns, live)
+    tally.count_patches(patches, flags, patterns, live)
 
     # Per triangle and per tile: domain shader, primitives, binning, tile loop; a batch of patches after the other.
     batches = front_end.split_batches(live, patterns)

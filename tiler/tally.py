@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from pipeline.hull import num_control_points
 from pipeline.jit import kernel
 from pipeline.primitives import NUM_OUTCOMES, Outcome
-from pipeline.types import I32, I64, U8, CullFlag, Patterns
+from pipeline.types import I32, I64, U8, CullFlag, Patches, Patterns
 from tiler.binning import TileQueues
 from tiler.config import Machine
 from tiler.counters import Counters
@@ -14,8 +15,6 @@ from tiler.queue_memory import QueueReport
 from tiler.queues import Queues, queue_bytes
 from tiler.scene.model import Scene
 from tiler.tile import NUM_TILE_COUNTS, Target, TileCount
-
-VERTICES_PER_PATCH = 16
 
 OUTCOME_COUNTERS = {
     "c_invocations": Outcome.C_IN,
@@ -60,9 +59,9 @@ class Tally:
         self.tiles: I64 = np.zeros((grid.num_tiles, NUM_TILE_COUNTS), np.int64)
         self.outcomes: I64 = np.zeros(NUM_OUTCOMES, np.int64)  # of the front end: each patch once
         self.values = {
-            "ia_vertices": VERTICES_PER_PATCH * scene.num_patches,
+            "ia_vertices": scene.num_vertices,
             "ia_primitives": scene.num_patches,
-            "vs_invocations": VERTICES_PER_PATCH * scene.num_patches,
+            "vs_invocations": scene.num_vertices,
             "hs_invocations": scene.num_patches,
             "bin_patches": 0,
             "bin_patches_offscreen": 0,
@@ -70,11 +69,12 @@ class Tally:
             "ds_invocations": 0,  # of the front end
         }
 
-    def count_patches(self, flags: U8, patterns: Patterns, live: I32) -> None:
+    def count_patches(self, patches: Patches, flags: U8, patterns: Patterns, live: I32) -> None:
         """What became of the patches up to the tessellator."""
         culled = np.bincount(flags, minlength=len(CullFlag))
         used = patterns.of_patch[live]
         self.values |= {
+            "hs_control_points": num_control_points(patches),
             "hs_culled_nonfinite": int(culled[CullFlag.NONFINITE]),
             "hs_culled_frustum": int(culled[CullFlag.FRUSTUM]),
             "hs_culled_backface": int(culled[CullFlag.BACKFACE]),

@@ -1,4 +1,4 @@
-"""Arrays that scene files name: control points (.npz, .npy) and displacement maps (.npy). Nothing in them is ever executed.
+"""Arrays that scene files name: control points (.npz, .npy), and checks that all files share. Nothing in them is ever executed.
 
 Every fault is an ArrayFault whose text says what is wrong and what is allowed; the caller adds the key and the file.
 """
@@ -34,24 +34,46 @@ def read_patches(path: Path) -> Mesh:
             raise ArrayFault(f"has no array P but {', '.join(arrays) or 'none'}; allowed: P, and texcoords")
         points, texcoords = arrays["P"], arrays.get("texcoords")
     else:
-        points = _load_one(path)
-    return _checked_mesh(points, texcoords)
+        points = array_of(path)
+    return checked_mesh(points, texcoords)
 
 
-def read_map(path: Path) -> F32:
-    """Displacement map (height, width) of an .npy file, float32 or float64."""
-    texels = _load_one(path)
-    if texels.ndim != 2 or texels.size == 0 or max(texels.shape) > MAP_LIMIT:
-        raise ArrayFault(f"has shape {texels.shape}; allowed: (height, width), each from 1 to {MAP_LIMIT}")
-    return _float32(texels, "texels")
+def check_file(path: Path, limit: int | None = None) -> int:
+    """Size in bytes of a file that is there. Raises ArrayFault where it is not, or larger than `limit` bytes."""
+    try:
+        if not path.exists():
+            raise ArrayFault("does not exist")
+        if not path.is_file():
+            raise ArrayFault("is not a file")
+        size = path.stat().st_size
+    except OSError as error:
+        raise ArrayFault(f"cannot be read ({error.strerror})") from None
+    if limit is not None and size > limit:
+        raise ArrayFault(f"has {size:,} bytes; allowed: at most {limit:,}")
+    return size
+
+
+def bytes_of(path: Path, limit: int) -> bytes:
+    """Content of a file of at most `limit` bytes; nothing is read of a larger one."""
+    check_file(path, limit)
+    try:
+        with path.open("rb") as file:
+            return file.read(limit)
+    except OSError as error:
+        raise ArrayFault(f"cannot be read ({error.strerror})") from None
+
+
+def load_arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an .npz file by name."""
+    arrays = _load(path)
+    if "" in arrays:
+        raise ArrayFault("is one array; allowed: an archive of arrays (.npz)")
+    return arrays
 
 
 def _load(path: Path) -> dict[str, np.ndarray]:
     """The arrays of a file by name; that of an .npy file has the name ''."""
-    if not path.exists():
-        raise ArrayFault("does not exist")
-    if not path.is_file():
-        raise ArrayFault("is not a file")
+    check_file(path)
     try:
         loaded = np.load(path, allow_pickle=False)
         if isinstance(loaded, np.ndarray):
@@ -64,7 +86,7 @@ def _load(path: Path) -> dict[str, np.ndarray]:
         raise ArrayFault(f"is no {path.suffix} file of plain numbers") from None
 
 
-def _load_one(path: Path) -> np.ndarray:
+def array_of(path: Path) -> np.ndarray:
     """The array of an .npy file."""
     arrays = _load(path)
     if "" not in arrays:
@@ -72,24 +94,24 @@ def _load_one(path: Path) -> np.ndarray:
     return arrays[""]
 
 
-def _checked_mesh(points: np.ndarray, texcoords: np.ndarray | None) -> Mesh:
+def checked_mesh(points: np.ndarray, texcoords: np.ndarray | None) -> Mesh:
     """Mesh of arrays from outside."""
     if points.ndim != 4 or points.shape[1:3] != (4, 4) or points.shape[3] not in (3, 4):
         raise ArrayFault(f"has P of shape {points.shape}; allowed: (n, 4, 4, 3) or (n, 4, 4, 4)")
     if len(points) == 0:
         raise ArrayFault("has an empty mesh; allowed: at least one patch in P")
-    points = _float32(points, "P")
+    points = float32_of(points, "P")
     if points.shape[3] == 4 and not (points[..., 3] > 0).all():
         p, i, j = np.argwhere(~(points[..., 3] > 0))[0]
         raise ArrayFault(f"has w = {points[p, i, j, 3]:g} in P[{p}, {i}, {j}]; allowed: weights above 0")
     if texcoords is not None:
         if texcoords.shape != (len(points), 4, 2):
             raise ArrayFault(f"has texcoords of shape {texcoords.shape}; allowed: ({len(points)}, 4, 2)")
-        texcoords = _float32(texcoords, "texcoords")
+        texcoords = float32_of(texcoords, "texcoords")
     return mesh_of(points, texcoords)
 
 
-def _float32(values: np.ndarray, name: str) -> F32:
+def float32_of(values: np.ndarray, name: str) -> F32:
     """Finite floating-point values as contiguous float32."""
     if values.dtype.kind != "f":
         raise ArrayFault(f"has {name} of type {values.dtype}; allowed: float32, float64")

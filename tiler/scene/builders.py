@@ -1,10 +1,12 @@
-"""The table of builders: meshes that a scene file calls by name. A new one is a module and a line."""
+"""The tables of builders: meshes that a scene file calls by name. A new one is a module and a line."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from tiler.scene import colonnade, spikelog, teapot, waves
+from tiler.scene import colonnade, creature, creature_walk, spikelog, teapot, waves
+from tiler.scene.control_mesh import ControlMesh
 from tiler.scene.mesh import Mesh
+from tiler.scene.skinning import Skinning
 from tiler.scene.strict import Strict
 
 
@@ -23,3 +25,19 @@ BUILDERS: dict[str, Builder] = {
     "hall": Builder(colonnade.Hall, colonnade.num_hall_patches, colonnade.build_hall),
     "waves": Builder(waves.Parameters, waves.num_patches, waves.build),
 }
+
+
+class MeshBuilder(NamedTuple):
+    """How to make one kind of control mesh. Its patches are made of it by subdivision, one or more a face."""
+
+    parameters: type[Strict]
+    num_faces: Callable[[Any], int]  # of the parameters, without building
+    build: Callable[[Any], ControlMesh]
+    skinning: Callable[[Any], Skinning] | None  # how the vertices of that mesh move, where they do
+
+
+MESH_BUILDERS: dict[str, MeshBuilder] = {
+    "creature": MeshBuilder(creature.Parameters, creature.num_faces, creature.build, creature_walk.skinning),
+}
+
+ALL_BUILDERS: dict[str, Builder | MeshBuilder] = {**BUILDERS, **MESH_BUILDERS}

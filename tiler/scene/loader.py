@@ -5,19 +5,23 @@ Every fault that can be found is found before the first error is raised, and all
 
 import re
 import tomllib
+import warnings
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import ValidationError
 
+from pipeline.animate import Motion
+from pipeline.subdivision.surface import Surface
 from pipeline.types import F32
 from tiler.errors import TilerError
-from tiler.scene import arrays, problems, schema
-from tiler.scene.builders import BUILDERS
+from tiler.scene import arrays, map_files, mesh_files, problems, schema, surfaces
+from tiler.scene.arrays import ArrayFault
+from tiler.scene.builders import ALL_BUILDERS, BUILDERS, MESH_BUILDERS
 from tiler.scene.maps import MAPS
 from tiler.scene.mesh import Mesh
-from tiler.scene.model import CameraKey, CameraPath, DisplacementMap, Picture, Scene, Tessellation
+from tiler.scene.model import CameraKey, CameraPath, DisplacementMap, Picture, Scene, SceneMesh, Tessellation
 from tiler.scene.problems import Problem
 from tiler.scene.strict import Strict
 from tiler.scene.toml_lines import toml_lines
@@ -62,28 +66,40 @@ def read_scene_file(file: Path) -> Checked:
 def build_scene(checked: Checked, name: str) -> Scene:
     """Build or read what a checked file describes. Raises TilerError with all that is wrong with the files that it names."""
     found: list[Problem] = []
-    meshes: list[Mesh] = []
+    patches: list[tuple[int, int, Mesh]] = []  # object, map, patches
+    meshes: list[SceneMesh] = []
+    motions: list[Motion | None] = []
     maps: list[DisplacementMap] = []
-    map_of_object: list[int] = []
-    for k in range(len(checked.scene.object)):
-        mesh = _mesh(checked, k, found)
+    for k, described in enumerate(checked.scene.object):
         displacement = _displacement(checked, k, found)
-        if mesh is not None:
-            meshes.append(mesh)
-        map_of_object.append(-1 if displacement is None else len(maps))
+        map_id = -1 if displacement is None else len(maps)
         maps += [] if displacement is None else [displacement]
+        num_vertices = 0
+        if _is_surface(described):
+            made = _surface(checked, k, found)
+            if made is not None:
+                num_vertices = len(made[1])
+                meshes.append(SceneMesh(*made, k, map_id))
+        else:
+            mesh = _mesh(checked, k, found)
+            if mesh is not None:
+                patches.append((k, map_id, mesh))
+        motions.append(_motion(checked, k, num_vertices, found))
     if found:
         raise problems.error_of(str(checked.file), found, checked.lines)
-    patches_of_object = [len(mesh.control_points) for mesh in meshes]
+    empty = np.empty((0, 4, 4, 4), np.float32), np.empty((0, 4, 2), np.float32)
+    count = [len(mesh.control_points) for _, _, mesh in patches]
     scene = checked.scene
     return Scene(
         name=name,
-        control_points=np.concatenate([mesh.control_points for mesh in meshes]),
-        texcoords=np.concatenate([mesh.texcoords for mesh in meshes]),
-        map_id=np.repeat(np.array(map_of_object, np.int32), patches_of_object),
-        object_id=np.repeat(np.arange(len(meshes), dtype=np.int32), patches_of_object),
+        control_points=np.concatenate([empty[0], *(mesh.control_points for _, _, mesh in patches)]),
+        texcoords=np.concatenate([empty[1], *(mesh.texcoords for _, _, mesh in patches)]),
+        map_id=np.repeat(np.array([m for _, m, _ in patches], np.int32), count),
+        object_id=np.repeat(np.array([k for k, _, _ in patches], np.int32), count),
         transforms=np.stack([object_to_world(o.translate, o.rotate, o.scale) for o in scene.object]),
         maps=tuple(maps),
+        meshes=tuple(meshes),
+        motions=tuple(motions) if any(motion is not None for motion in motions) else (),
         camera=camera_path(scene.camera),
         picture=Picture(**scene.picture.model_dump()),
         tessellation=Tessellation(**scene.tessellation.model_dump()),
@@ -99,7 +115,10 @@ def count_patches(checked: Checked) -> int:
     found: list[Problem] = []
     total = 0
     for k, described in enumerate(checked.scene.object):
-        if described.builder is not None:
+        if _is_surface(described):
+            made = _surface(checked, k, found)
+            total += 0 if made is None else made[0].num_patches
+        elif described.builder is not None:
             total += BUILDERS[described.builder].num_patches(checked.parameters[k])
         else:
             mesh = _mesh(checked, k, found)
@@ -152,8 +171,8 @@ def _check_parameters(data: dict[str, Any], found: list[Problem]) -> list[Strict
         builder = described.get("builder") if isinstance(described, dict) else None
         given = described.get("parameters", {}) if isinstance(described, dict) else None
         checked.append(None)
-        if isinstance(builder, str) and builder in BUILDERS and isinstance(given, dict):
-            model = BUILDERS[builder].parameters
+        if isinstance(builder, str) and builder in ALL_BUILDERS and isinstance(given, dict):
+            model = ALL_BUILDERS[builder].parameters
             try:
                 checked[-1] = model.model_validate(given)
             except ValidationError as error:
@@ -168,9 +187,50 @@ def _mesh(checked: Checked, k: int, found: list[Problem]) -> Mesh | None:
         return BUILDERS[described.builder].build(checked.parameters[k])
     path = checked.file.parent / str(described.patches)
     try:
-        return arrays.read_patches(path)
-    except arrays.ArrayFault as fault:
+        mesh, _ = mesh_files.read_patches(path)
+        return mesh
+    except ArrayFault as fault:
         found.append(Problem(("object", k, "patches"), f"{path} {fault}"))
+        return None
+
+
+def _is_surface(described: schema.ObjectFile) -> bool:
+    """Whether an object is a subdivision surface: of a mesh file, or of a builder of control meshes."""
+    return described.mesh is not None or described.builder in MESH_BUILDERS
+
+
+def _surface(checked: Checked, k: int, found: list[Problem]) -> tuple[Surface, F32] | None:
+    """Surface and vertices of object k; None, and a problem more, where its file is wrong. Warnings are warned of."""
+    described = checked.scene.object[k]
+    if described.builder is not None:
+        built = MESH_BUILDERS[described.builder].build(checked.parameters[k])
+        return surfaces.surface_of([built], described.basis, described.refine)[:2]
+    path = checked.file.parent / str(described.mesh)
+    try:
+        surface, vertices, told = surfaces.read_surface(
+            path, described.basis, described.refine, described.displacement is not None
+        )
+    except arrays.ArrayFault as fault:
+        found.append(Problem(("object", k, "mesh"), f"{path} {fault}"))
+        return None
+    for text in told:
+        warnings.warn(f"{path}: {text}", stacklevel=2)
+    return surface, vertices
+
+
+def _motion(checked: Checked, k: int, num_vertices: int, found: list[Problem]) -> Motion | None:
+    """How object k moves; None where it stands still, or where, a problem more, its file is wrong."""
+    described = checked.scene.object[k]
+    if described.animation is None and described.builder in MESH_BUILDERS:
+        skinning = MESH_BUILDERS[described.builder].skinning
+        return None if skinning is None else surfaces.motion_of(skinning(checked.parameters[k]))
+    if described.animation is None or (described.mesh is not None and num_vertices == 0):
+        return None
+    path = checked.file.parent / described.animation
+    try:
+        return surfaces.read_motion(path, num_vertices)
+    except arrays.ArrayFault as fault:
+        found.append(Problem(("object", k, "animation"), f"{path} {fault}"))
         return None
 
 
@@ -183,8 +243,8 @@ def _displacement(checked: Checked, k: int, found: list[Problem]) -> Displacemen
     if schema.is_map_file(described.map):
         path = checked.file.parent / described.map
         try:
-            texels = arrays.read_map(path)
-        except arrays.ArrayFault as fault:
+            texels = map_files.read_map(path, described.channel)
+        except ArrayFault as fault:
             found.append(Problem(("object", k, "displacement", "map"), f"{path} {fault}"))
             return None
     else:

@@ -1,4 +1,4 @@
-"""Procedural displacement maps, by name. All are square, periodic in s and t, and made of multiples of 2^-16 in [0, 1].
+"""Procedural displacement maps, by name. All are square, made of multiples of 2^-16 in [0, 1], and, but for hides, periodic.
 
 A texel is a function of its whole-numbered position, through tables and whole-numbered hashes: the same bits everywhere.
 Row 0 is at t = 0, column 0 at s = 0; texel (i, j) has its centre at s = (i + 0.5) / size.
@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from pipeline.types import F32, F64, I64
+from tiler.scene.creature_hide import hide, small_hide
 from tiler.scene.noise import hash32, uniform
 from tiler.scene.rounding import STEP, cos_turns, sin_turns
 
@@ -143,4 +144,6 @@ MAPS: dict[str, Callable[[int, int], F32]] = {
     "leaves": leaves,
     "coffers": coffers,
     "stones": stones,
+    "hide": hide,
+    "small_hide": small_hide,
 }

@@ -5,6 +5,8 @@ from typing import Literal
 
 import numpy as np
 
+from pipeline.animate import Motion
+from pipeline.subdivision.surface import Surface
 from pipeline.types import F32, I32
 
 Shading = Literal["lambert", "normal", "patch", "wireframe", "tile_grid"]
@@ -73,8 +75,22 @@ class CameraPath:
 
 
 @dataclass(frozen=True)
+class SceneMesh:
+    """An object that is a subdivision surface: what the hull shader makes patches of, made once."""
+
+    surface: Surface
+    vertices: F32  # (V, 3) of the control mesh, object space, where the object does not move
+    object_id: int
+    map_id: int = -1
+
+
+@dataclass(frozen=True)
 class Scene:
-    """All that a frame needs. Arrays are C-contiguous and never written after the scene is made."""
+    """All that a frame needs. Arrays are C-contiguous and never written after the scene is made.
+
+    Patches are numbered in the order of objects: those of `control_points`, and those of `meshes` where their object
+    comes. Without meshes they keep the order of `control_points`.
+    """
 
     name: str
     control_points: F32  # (P, 4, 4, 4) homogeneous, object space, [p, i, j]: i along u, j along v
@@ -90,8 +106,15 @@ class Scene:
     light: tuple[float, float, float] = (0.35, -0.5, 0.8)  # towards the light, world space, any length
     frames: int = 1  # length of the animation
     title: str = ""
+    meshes: tuple[SceneMesh, ...] = ()
+    motions: tuple[Motion | None, ...] = ()  # of each object; empty where none moves
 
     @property
     def num_patches(self) -> int:
         """Number of patches that the input assembler reads."""
-        return len(self.control_points)
+        return len(self.control_points) + sum(mesh.surface.num_patches for mesh in self.meshes)
+
+    @property
+    def num_vertices(self) -> int:
+        """Number of control points that the vertex shader runs on: 16 a patch, a mesh's vertices once each."""
+        return 16 * len(self.control_points) + sum(mesh.surface.used_vertices for mesh in self.meshes)

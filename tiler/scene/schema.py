@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from tiler.scene.builders import BUILDERS
+from tiler.scene import map_files, mesh_files
+from tiler.scene.builders import ALL_BUILDERS, MESH_BUILDERS
 from tiler.scene.camera import view_axes
 from tiler.scene.maps import MAPS
 from tiler.scene.model import AddressMode, CullMode, Partitioning, Shading
@@ -27,6 +28,7 @@ from tiler.scene.strict import (
 
 SIX_FACTORS = "a number above 0 and at most 64, or six of them (edges u=0, v=0, u=1, v=1, inside u, v)"
 SCALE = "a number above 0 and at most 1e+06, or three of them"
+MESH_SUFFIXES = (".obj", ".usd", ".usda", ".usdc", ".usdz")
 MAP_NAMES = ", ".join(MAPS)
 
 
@@ -47,24 +49,36 @@ def _repeated(count: int, most: float) -> BeforeValidator:
 
 
 def _known_builder(name: str) -> str:
-    if name not in BUILDERS:
-        raise UnknownName(BUILDERS)
+    if name not in ALL_BUILDERS:
+        raise UnknownName(ALL_BUILDERS)
     return name
 
 
 def is_map_file(name: str) -> bool:
     """Whether a displacement's `map` names a file; all other names are procedural maps."""
-    return name.endswith(".npy")
+    return name.lower().endswith(map_files.SUFFIXES)
 
 
 def _known_map(name: str) -> str:
     if not is_map_file(name) and name not in MAPS:
-        raise UnknownName([*MAPS, "FILE.npy"])
+        raise UnknownName([*MAPS, *(f"FILE{suffix}" for suffix in map_files.SUFFIXES)])
     return name
 
 
 def _patch_file(name: str) -> str:
-    if not name.endswith((".npz", ".npy")):
+    if not name.lower().endswith(mesh_files.PATCH_SUFFIXES):
+        raise NotAllowed
+    return name
+
+
+def _mesh_file(name: str) -> str:
+    if not name.lower().endswith(MESH_SUFFIXES):
+        raise NotAllowed
+    return name
+
+
+def _motion_file(name: str) -> str:
+    if not name.lower().endswith(".npz"):
         raise NotAllowed
     return name
 
@@ -139,8 +153,9 @@ class DisplacementFile(Strict):
     """Table [object.displacement]: displacement along the normal, `scale * map + bias` in world units."""
 
     map: Annotated[str, AfterValidator(_known_map)] = Field(
-        description="a file name ending in .npy, or one of " + MAP_NAMES
+        description=f"a file name ending in {', '.join(map_files.SUFFIXES)}, or one of {MAP_NAMES}"
     )
+    channel: map_files.Channel | None = Field(None, description="one of grey, r, g, b, a (of a map file)")
     size: int = whole(512, 16, 4096, " (texels along a side of a procedural map)")
     seed: int = whole(1, 0, 2**31 - 1, " (of a procedural map)")
     address: AddressMode = "wrap"
@@ -152,18 +167,28 @@ class DisplacementFile(Strict):
         given = [key for key in ("size", "seed") if key in self.model_fields_set]
         if is_map_file(self.map) and given:
             raise Faults(*(((key,), "belongs to procedural maps, and map names a file") for key in given))
+        if not is_map_file(self.map) and self.channel is not None:
+            raise Faults((("channel",), f"belongs to map files, and {self.map} is a procedural map"))
         return self
 
 
 class ObjectFile(Strict):
-    """Table [[object]]: patches from a builder or a file, where they stand, and their displacement."""
+    """Table [[object]]: patches or a control mesh, where they stand, how they move, and their displacement."""
 
     builder: Annotated[str, AfterValidator(_known_builder)] | None = Field(
-        None, description="one of " + ", ".join(BUILDERS)
+        None, description="one of " + ", ".join(ALL_BUILDERS)
     )
     parameters: dict[str, Any] = Field({}, description="a table of the builder's parameters")
     patches: Annotated[str, AfterValidator(_patch_file)] | None = Field(
-        None, description="a file name ending in .npz or .npy"
+        None, description=f"a file name ending in {', '.join(mesh_files.PATCH_SUFFIXES)}"
+    )
+    mesh: Annotated[str, AfterValidator(_mesh_file)] | None = Field(
+        None, description=f"a file name ending in {', '.join(MESH_SUFFIXES)}"
+    )
+    basis: Literal["acc", "gregory"] = "acc"
+    refine: Literal["none", "uniform", "adaptive"] = "none"
+    animation: Annotated[str, AfterValidator(_motion_file)] | None = Field(
+        None, description="a file name ending in .npz"
     )
     translate: Vector = Field((0.0, 0.0, 0.0), description=VECTOR_WORDS)
     rotate: Vector = Field((0.0, 0.0, 0.0), description=VECTOR_WORDS + " (degrees)")
@@ -172,9 +197,17 @@ class ObjectFile(Strict):
 
     @model_validator(mode="after")
     def _has_one_source(self) -> "ObjectFile":
-        if (self.builder is None) == (self.patches is None):
-            words = "neither builder nor patches is" if self.builder is None else "both builder and patches are"
+        given = [key for key in ("builder", "patches", "mesh") if getattr(self, key) is not None]
+        if len(given) != 1:
+            words = "none of builder, patches and mesh is" if not given else f"{' and '.join(given)} are"
             raise Faults(((), f"{words} given; allowed: exactly one of them"))
+        wrong = [
+            key
+            for key in ("basis", "refine")
+            if key in self.model_fields_set and self.mesh is None and self.builder not in MESH_BUILDERS
+        ]
+        if wrong:
+            raise Faults(*(((key,), "belongs to a mesh, and this object is made of patches") for key in wrong))
         if self.builder is None and "parameters" in self.model_fields_set:
             raise Faults((("parameters",), "belongs to builders, and this object is read from a file"))
         return self
@@ -191,5 +224,5 @@ class SceneFile(Strict):
     tessellation: TessellationFile = Field(TessellationFile(), description="a table")
     camera: CameraFile = Field(description="a table [camera] with at least one [[camera.key]]")
     object: list[ObjectFile] = Field(
-        min_length=1, description="one or more tables [[object]] with a builder or patches"
+        min_length=1, description="one or more tables [[object]] with a builder, patches or a mesh"
     )
