@@ -205,30 +205,29 @@ def _gregory_edge_tangents(b, f, tu, tv):
 
 
 @helper
-def _edge_vectors(tu, tv, k, i, j):
-    """On side k, in the direction of the parameter: control vector i of three along it, and j of four across."""
-    if k == 3:
-        return tv[0, i], tu[0, j]
-    if k == 1:
-        return tv[3, i], tu[2, j]
-    if k == 0:
-        return tu[i, 0], tv[j, 0]
-    return tu[i, 3], tv[j, 2]
+def _add_product(n, k, w, y, i1, j1, x, i2, j2):
+    """n[k] += w * y[i1, j1] x x[i2, j2]."""
+    y0, y1, y2 = y[i1, j1, 0], y[i1, j1, 1], y[i1, j1, 2]
+    x0, x1, x2 = x[i2, j2, 0], x[i2, j2, 1], x[i2, j2, 2]
+    n[k, 0] += w * (y1 * x2 - y2 * x1)
+    n[k, 1] += w * (y2 * x0 - y0 * x2)
+    n[k, 2] += w * (y0 * x1 - y1 * x0)
 
 
 @helper
 def _edge_normal_net(tu, tv, k, n):
     """Control vectors (6, 3) of TU x TV on side k, in the direction of the parameter."""
     n[:] = 0.0
-    outward = 1.0 if k == 0 or k == 2 else -1.0  # along u: along x across; along v: across x along
     quadratic, cubic, quintic = (1.0, 2.0, 1.0), (1.0, 3.0, 3.0, 1.0), (1.0, 5.0, 10.0, 10.0, 5.0, 1.0)
+    far = k == 1 or k == 2
+    along, across = (3, 2) if far else (0, 0)  # the last row of the nets, or the first
     for i in range(3):
         for j in range(4):
-            y, x = _edge_vectors(tu, tv, k, i, j)
-            w = outward * (quadratic[i] * cubic[j] / quintic[i + j])
-            n[i + j, 0] += w * (y[1] * x[2] - y[2] * x[1])
-            n[i + j, 1] += w * (y[2] * x[0] - y[0] * x[2])
-            n[i + j, 2] += w * (y[0] * x[1] - y[1] * x[0])
+            w = quadratic[i] * cubic[j] / quintic[i + j]
+            if k == 0 or k == 2:
+                _add_product(n, i + j, w, tu, i, along, tv, j, across)
+            else:
+                _add_product(n, i + j, -w, tv, along, i, tu, across, j)
 
 
 @helper
