@@ -76,7 +76,9 @@ class Ledger:
             _unlock(self._lock, path)
             raise
         names = ["row", "key", *self._columns, *DEFINITIONS, "seconds", "violations", "false_culls", "status", "error"]
-        self._insert = f"INSERT OR IGNORE INTO rows ({', '.join(map(quote, names))}) VALUES ({', '.join('?' * len(names))})"
+        self._insert = (
+            f"INSERT OR IGNORE INTO rows ({', '.join(map(quote, names))}) VALUES ({', '.join('?' * len(names))})"
+        )
         self._flushed = time.monotonic()
 
     def __enter__(self) -> Self:
@@ -117,7 +119,7 @@ class Ledger:
         return tally(self._db)
 
     def merge(self, part: Path) -> None:
-        """Take over the rows of another results file of the same study. A row that failed here gives way to one that is fine."""
+        """Take over the rows of another results file of the same study; a row that failed here gives way to a good one."""
         names = [name for (_, name, *_) in self._db.execute("PRAGMA table_info(rows)")]
         listed = ", ".join(map(quote, names))
         update = ", ".join(f"{quote(name)} = excluded.{quote(name)}" for name in names if name != "row")
@@ -208,7 +210,7 @@ def open_results(path: Path) -> sqlite3.Connection:
     for mode in ("rw", "ro"):  # a log that a killed process left is worked in, where that is allowed
         try:
             db = sqlite3.connect(f"{path.resolve().as_uri()}?mode={mode}", uri=True, isolation_level=None, timeout=30)
-            if _read_meta(db).get("format") == FORMAT:
+            if read_meta(db).get("format") == FORMAT:
                 return db
             db.close()
         except sqlite3.Error:
@@ -218,23 +220,19 @@ def open_results(path: Path) -> sqlite3.Connection:
 
 def read_meta(db: sqlite3.Connection) -> dict[str, str]:
     """Table `meta`."""
-    return _read_meta(db)
-
-
-def _read_meta(db: sqlite3.Connection) -> dict[str, str]:
     return dict(db.execute("SELECT name, value FROM meta"))
 
 
 def tally(db: sqlite3.Connection) -> Tally:
     """How far the study of a results file is."""
     done, failed = db.execute("SELECT count(*), count(*) FILTER (WHERE status = ?) FROM rows", (FAILED,)).fetchone()
-    return Tally(int(_read_meta(db)["rows"]), done, failed)
+    return Tally(int(read_meta(db)["rows"]), done, failed)
 
 
 def check_identity(db: sqlite3.Connection, path: Path, identity: str) -> None:
     """Raise TilerError unless the results file belongs to the study."""
     try:
-        meta = _read_meta(db)
+        meta = read_meta(db)
     except sqlite3.Error:
         meta = {}
     if meta.get("format") != FORMAT:
@@ -277,7 +275,9 @@ def _told(path: Path) -> Iterator[None]:
         yield
     except (sqlite3.Error, OSError) as error:
         if "not a database" in str(error):
-            raise TilerError(f"out: {path} is not a results file of a study; allowed: such a file, or a new one") from None
+            raise TilerError(
+                f"out: {path} is not a results file of a study; allowed: such a file, or a new one"
+            ) from None
         raise TilerError(
             f"out: cannot write {path} ({error}); the rows before are safe in it, and the same command goes on with the rest"
         ) from None

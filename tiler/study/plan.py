@@ -49,7 +49,11 @@ class Plan:
             "name": self.name,
             "seed": self.seed,
             "blocks": [
-                [b.scene, b.view, [[a.name, repr(a.values) if isinstance(a.values, range) else a.values] for a in b.axes]]
+                [
+                    b.scene,
+                    b.view,
+                    [[a.name, repr(a.values) if isinstance(a.values, range) else a.values] for a in b.axes],
+                ]
                 for b in self.grid.blocks
             ],
             "scenes": {name: scene["digest"] for name, scene in self.scenes.items()},

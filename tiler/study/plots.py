@@ -22,7 +22,8 @@ def plot(
     except ImportError:
         raise TilerError("plot: matplotlib is not installed; allowed: after `pip install 'tilesim[plot]'`") from None
     lines = series(study, x, y, by, where)
-    axes: Axes = Figure(figsize=(7.0, 4.4), layout="constrained").subplots()
+    figure = Figure(figsize=(7.0, 4.4), layout="constrained")
+    axes: Axes = figure.subplots()
     for label, (places, values) in lines.items():
         axes.plot(places, values, marker="o", markersize=4, label=label)
     axes.set_xlabel(_label(study, x))
@@ -33,7 +34,7 @@ def plot(
         axes.legend(title=by if isinstance(by, str) else ", ".join(by))
     if file is not None:
         try:
-            axes.figure.savefig(file, dpi=150)
+            figure.savefig(file, dpi=150)
         except (OSError, ValueError) as error:
             raise TilerError(f"file: cannot write {file} ({error})") from None
     return axes

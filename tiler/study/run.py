@@ -217,5 +217,3 @@ def _plain(value: Any) -> Any:
     if changed is value:
         raise TypeError(f"{value!r} is not plain")
     return changed
-
-

@@ -1,10 +1,10 @@
 """A study file, or the arguments of `tiler.sweep`, becomes a plan; all that is wrong comes in one error.
 
-    [study]          name, seed
-    [sweep]          axes as lists: scene, view, frame, machine, machine.FIELD, and settings of scenes
-    [[run]]          instead of [sweep]: a list of small sweeps, whose values may be single ones
-    [machine.NAME]   fields of a machine
-    [view.NAME]      a family of cameras
+[study]          name, seed
+[sweep]          axes as lists: scene, view, frame, machine, machine.FIELD, and settings of scenes
+[[run]]          instead of [sweep]: a list of small sweeps, whose values may be single ones
+[machine.NAME]   fields of a machine
+[view.NAME]      a family of cameras
 """
 
 import itertools
@@ -22,8 +22,8 @@ from tiler.comparison import MACHINES
 from tiler.config import Machine
 from tiler.errors import TilerError
 from tiler.scene import Scene, load_scene
-from tiler.scene.problems import Problem, did_you_mean, error_of, problems_of, shown
 from tiler.scene.problems import Path as KeyPath
+from tiler.scene.problems import Problem, did_you_mean, error_of, problems_of, shown
 from tiler.scene.strict import NotAllowed, Strict, whole
 from tiler.scene.toml_lines import toml_lines
 from tiler.study.grid import Axis, Block, Grid
@@ -88,10 +88,19 @@ def read_study(file: Path) -> Plan:
     except UnicodeDecodeError:
         raise TilerError(f"{file}: is not UTF-8 text") from None
     except tomllib.TOMLDecodeError as error:
-        raise TilerError(f"{file}: not valid TOML: {error}") from None
+        raise TilerError(_syntax_error(file, str(error))) from None
     except RecursionError:
         raise TilerError(f"{file}: is nested too deeply to be read") from None
     return make_plan(data, text, str(file), file.resolve().parent, lines)
+
+
+def _syntax_error(file: Path, message: str) -> str:
+    """tomllib's message with its place in front; the likeliest slip of a study file is told what to do about it."""
+    match = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", message, re.DOTALL)
+    text = (
+        f"{file}:{match[2]}:{match[3]}: not valid TOML: {match[1]}" if match else f"{file}: not valid TOML: {message}"
+    )
+    return text + ("; beside machine.FIELD write machine.name for machine" if "'machine'" in message else "")
 
 
 def make_plan(data: dict[str, Any], text: str, where: str, folder: Path, lines: dict[KeyPath, int]) -> Plan:

@@ -103,11 +103,10 @@ def _split(key: str) -> tuple[str, str]:
 
 def _parse_size(value: Any) -> tuple[int, int]:
     parts = value.lower().split("x") if isinstance(value, str) else value
-    if isinstance(parts, list | tuple) and len(parts) == 2:
-        if isinstance(value, str) and all(part.isdigit() and len(part) < 10 for part in parts):
-            return int(parts[0]), int(parts[1])
-        if all(isinstance(part, int) and not isinstance(part, bool) for part in parts):
-            return parts[0], parts[1]
+    if isinstance(value, str) and all(part.isdigit() and len(part) < 10 for part in parts):
+        parts = [int(part) for part in parts]
+    if isinstance(parts, list) and len(parts) == 2 and all(type(part) is int for part in parts):
+        return parts[0], parts[1]
     raise TilerError(f"{shown(value)} is not allowed; allowed: {_SIZE}")
 
 
@@ -118,4 +117,4 @@ def _model(table: str) -> type[Strict]:
     kept = _WHOLE_SCENE if table == "" else {field.name for field in fields(made)}
     chosen = {name: (info.annotation, info) for name, info in described.model_fields.items() if name in kept}
     chosen.pop("key", None)
-    return create_model(table or "scene", __base__=Strict, **chosen)  # type: ignore[call-overload,no-any-return]
+    return create_model(table or "scene", __base__=Strict, **chosen)  # type: ignore[call-overload]

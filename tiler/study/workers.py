@@ -194,7 +194,9 @@ class Pool:
         else:
             self._failed_starts += 1
             if self._failed_starts >= STARTS:
-                raise TilerError(f"workers: {STARTS} workers in a row ended before they did anything ({_cause(status)})")
+                raise TilerError(
+                    f"workers: {STARTS} workers in a row ended before they did anything ({_cause(status)})"
+                )
         if self._has_work():
             self._start()
         return results
