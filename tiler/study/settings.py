@@ -102,7 +102,7 @@ def _split(key: str) -> tuple[str, str]:
 
 
 def _parse_size(value: Any) -> tuple[int, int]:
-    parts = value.lower().split("x") if isinstance(value, str) else value
+    parts: Any = value.lower().split("x") if isinstance(value, str) else value
     if isinstance(value, str) and all(part.isdigit() and len(part) < 10 for part in parts):
         parts = [int(part) for part in parts]
     if isinstance(parts, list) and len(parts) == 2 and all(type(part) is int for part in parts):
