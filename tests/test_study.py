@@ -1,8 +1,10 @@
 """Studies: what rows there are, what they hold, and how the table leaves its file."""
 
 import csv
+import itertools
 import json
 import math
+import re
 import sqlite3
 import sys
 from pathlib import Path
@@ -56,7 +58,7 @@ def test_a_billion_rows_are_counted_and_not_built():
 @pytest.mark.parametrize(("rows", "parts"), [(2000, 7), (100, 3), (5, 2), (3, 8), (1, 1)])
 def test_each_row_is_in_one_shard(rows: int, parts: int):
     held = [[row for row in range(rows) if Shard(k + 1, parts).holds(row, rows)] for k in range(parts)]
-    assert sorted(sum(held, [])) == list(range(rows))
+    assert sorted(itertools.chain.from_iterable(held)) == list(range(rows))
     sizes = [len(part) for part in held]
     assert max(sizes) - min(sizes) <= min(16, math.ceil(rows / parts))
 
@@ -368,7 +370,7 @@ def test_csv_holds_the_table(study, tmp_path: Path):
 def test_parquet_holds_the_table_with_types_and_metadata(tmp_path: Path):
     duckdb = pytest.importorskip("duckdb")
     settings = {"picture.size": ["32x18"], "tessellation.factor": [2, [1, 2, 3, 4, 5, 6]]}
-    study = tiler.sweep(settings=settings, frames=[0, 1.5], out=tmp_path / "o.db", threads=1, name="it's \"quoted\"")
+    study = tiler.sweep(settings=settings, frames=[0, 1.5], out=tmp_path / "o.db", threads=1, name='it\'s "quoted"')
     target = tmp_path / "it's.parquet"
     study.to_parquet(target)
     with duckdb.connect() as db:
@@ -381,21 +383,23 @@ def test_parquet_holds_the_table_with_types_and_metadata(tmp_path: Path):
     assert read == expected
     assert types["ds_invocations"] == "BIGINT" and types["frame"] == "DOUBLE" and types["seconds"] == "DOUBLE"
     told = {bytes(key).decode(): json.loads(bytes(value)) for key, value in pairs}
-    assert told["tiler.meta"] == study.meta and told["tiler.meta"]["name"] == "it's \"quoted\""
+    assert told["tiler.meta"] == study.meta and told["tiler.meta"]["name"] == 'it\'s "quoted"'
     assert told["tiler.columns"]["ds_invocations"]["unit"] == "domain points"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["it's.parquet", "o.db"]
 
 
 def test_the_file_is_plain_sqlite(study):
     db = sqlite3.connect(study.path)
-    total = db.execute('SELECT sum(ds_invocations) FROM rows WHERE machine = ? AND "tessellation.factor" = 3', ["small"])
+    total = db.execute(
+        'SELECT sum(ds_invocations) FROM rows WHERE machine = ? AND "tessellation.factor" = 3', ["small"]
+    )
     assert total.fetchone()[0] == sum(study.to_dict(machine="small", **{"tessellation.factor": 3})["ds_invocations"])
     assert db.execute("SELECT unit FROM columns WHERE name = 'queue_bytes'").fetchone() == ("bytes",)
 
 
 def test_a_dataframe_or_a_clear_message(study, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(tiler.TilerError, match="pandas is not installed.*rows"):
+    with pytest.raises(tiler.TilerError, match=r"pandas is not installed.*rows"):
         study.to_dataframe()
 
 
@@ -430,3 +434,19 @@ def test_progress_tells_rate_and_time_left(monkeypatch: pytest.MonkeyPatch, caps
         assert bar.line() == "150 of 1,000 rows, 5/s, 2.8 min left, 2 failed"
     assert capsys.readouterr() == ("", ""), "not a terminal"
     assert [say_seconds(s) for s in (0.5, 59, 7200, 9e5, 1e10)] == ["0.5 s", "59 s", "2 h", "10 days", "3.2e+02 years"]
+
+
+# The page.
+
+
+def test_the_examples_of_the_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    pytest.importorskip("matplotlib")
+    page = (Path(__file__).parents[1] / "docs" / "studies.md").read_text()
+    (text,) = re.findall(r"```toml\n(.*?)```", page, re.S)
+    (tmp_path / "bounds.toml").write_text(text)
+    assert len(read_study(tmp_path / "bounds.toml").grid) == 2 * 3 * (24 + 100) * 3 * 2
+    monkeypatch.chdir(tmp_path)
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.S)
+    exec(code, {})
+    assert len(tiler.load_study("factors.db")) == 2 * 4 * 2
+    assert (tmp_path / "factors.png").exists()

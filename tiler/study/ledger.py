@@ -63,13 +63,16 @@ class Ledger:
         self._lock = _lock(path)
         try:
             with _told(path):
-                is_new = not path.exists() or path.stat().st_size == 0
+                begun = path.exists() and path.stat().st_size > 0 and _has_tables(path)
+            if begun:  # looked at before anything in it is touched
+                with contextlib.closing(open_results(path)) as db:
+                    check_identity(db, path, plan.identity())
+            with _told(path):
                 self._db = sqlite3.connect(path, isolation_level=None, timeout=30)
                 self._db.execute("PRAGMA journal_mode = WAL")
                 self._db.execute("PRAGMA synchronous = NORMAL")
-                if is_new or not _tables(self._db):
+                if not begun:
                     self._create()
-            check_identity(self._db, path, plan.identity())
         except BaseException:
             if hasattr(self, "_db"):
                 self._db.close()
@@ -208,13 +211,15 @@ def open_results(path: Path) -> sqlite3.Connection:
     if not path.is_file():
         raise TilerError(f"results: {path} does not exist; allowed: a results file of tiler sweep")
     for mode in ("rw", "ro"):  # a log that a killed process left is worked in, where that is allowed
+        db = None
         try:
             db = sqlite3.connect(f"{path.resolve().as_uri()}?mode={mode}", uri=True, isolation_level=None, timeout=30)
             if read_meta(db).get("format") == FORMAT:
                 return db
-            db.close()
         except sqlite3.Error:
-            continue
+            pass
+        if db is not None:
+            db.close()
     raise TilerError(f"results: {path} is not a results file of a study; allowed: a file that tiler sweep has made")
 
 
@@ -231,12 +236,7 @@ def tally(db: sqlite3.Connection) -> Tally:
 
 def check_identity(db: sqlite3.Connection, path: Path, identity: str) -> None:
     """Raise TilerError unless the results file belongs to the study."""
-    try:
-        meta = read_meta(db)
-    except sqlite3.Error:
-        meta = {}
-    if meta.get("format") != FORMAT:
-        raise TilerError(f"out: {path} is not a results file of a study; allowed: such a file, or a new one")
+    meta = read_meta(db)
     if meta["identity"] == identity:
         return
     if meta["sources"] != sources():
@@ -250,8 +250,10 @@ def check_identity(db: sqlite3.Connection, path: Path, identity: str) -> None:
     )
 
 
-def _tables(db: sqlite3.Connection) -> list[str]:
-    return [name for (name,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
+def _has_tables(path: Path) -> bool:
+    """Whether anything was put into a database; one that was interrupted at its very beginning is still a new one."""
+    with contextlib.closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", uri=True)) as db:
+        return bool(db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0])
 
 
 @contextlib.contextmanager

@@ -79,7 +79,7 @@ def plan_of(
     name: Any = "study", seed: Any = 0,
 ) -> Plan:  # fmt: skip
     """The plan of a study given as arguments of `sweep`."""
-    table: dict[str, Any] = dict(settings or {})
+    table: dict[str, Any] = {str(key): value for key, value in (settings or {}).items()}
     named: dict[str, Any] = {}
     if scenes is not None:
         table["scene"] = [str(s) for s in ([scenes] if isinstance(scenes, str | Path) else scenes)]

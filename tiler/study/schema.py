@@ -50,8 +50,8 @@ class StudyFile(Strict):
     study: StudyTable = Field(StudyTable(), description="a table with name and seed")
     sweep: dict[str, Any] | None = Field(None, description="a table of axes")
     run: list[dict[str, Any]] = Field([], description="tables [[run]] of axes")
-    machine: dict[str, dict[str, Any]] = Field({}, description="tables [machine.NAME] with fields of a machine")
-    view: dict[str, ViewFile] = Field({}, description="tables [view.NAME] with the key kind")
+    machine: dict[str, Any] = Field({}, description="tables [machine.NAME] with fields of a machine")
+    view: dict[str, Any] = Field({}, description="tables [view.NAME] with the key kind")
 
 
 class _Given(NamedTuple):
@@ -88,19 +88,21 @@ def read_study(file: Path) -> Plan:
     except UnicodeDecodeError:
         raise TilerError(f"{file}: is not UTF-8 text") from None
     except tomllib.TOMLDecodeError as error:
-        raise TilerError(_syntax_error(file, str(error))) from None
+        raise TilerError(_syntax_error(file, text, str(error))) from None
     except RecursionError:
         raise TilerError(f"{file}: is nested too deeply to be read") from None
     return make_plan(data, text, str(file), file.resolve().parent, lines)
 
 
-def _syntax_error(file: Path, message: str) -> str:
+def _syntax_error(file: Path, text: str, message: str) -> str:
     """tomllib's message with its place in front; the likeliest slip of a study file is told what to do about it."""
+    rows = text.rstrip("\n").split("\n")
+    message = message.replace("(at end of document)", f"(at line {len(rows)}, column {len(rows[-1]) + 1})")
     match = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", message, re.DOTALL)
-    text = (
+    told = (
         f"{file}:{match[2]}:{match[3]}: not valid TOML: {match[1]}" if match else f"{file}: not valid TOML: {message}"
     )
-    return text + ("; beside machine.FIELD write machine.name for machine" if "'machine'" in message else "")
+    return told + ("; beside machine.FIELD write machine.name for machine" if "'machine'" in message else "")
 
 
 def make_plan(data: dict[str, Any], text: str, where: str, folder: Path, lines: dict[KeyPath, int]) -> Plan:
@@ -110,10 +112,17 @@ def make_plan(data: dict[str, Any], text: str, where: str, folder: Path, lines: 
     except ValidationError as error:
         raise error_of(where, problems_of(error, StudyFile), lines) from None
     draft = _Draft(folder, {"default": {}} | {k: dict(v) for k, v in MACHINES.items()}, {"path": ViewFile(kind="path")})
-    draft.views |= study.view
     for name, fields in study.machine.items():
-        draft.machines[name] = fields
-        _try_machine(draft, fields, ("machine", name))
+        if _is_table(draft, fields, ("machine", name)) and _try_machine(draft, fields, ("machine", name)):
+            draft.machines[name] = fields
+    for name, fields in study.view.items():
+        if _is_table(draft, fields, ("view", name)):
+            try:
+                draft.views[name] = ViewFile.model_validate(fields)
+            except ValidationError as error:
+                draft.found += problems_of(error, ViewFile, ("view", name))
+    if draft.found:  # the axes name these
+        raise error_of(where, draft.found, lines)
     blocks: list[tuple[KeyPath, list[Block]]] = []
     if study.sweep is not None and study.run:
         draft.wrong(("run",), "stands beside [sweep]; allowed: one of the two")
@@ -134,6 +143,12 @@ def make_plan(data: dict[str, Any], text: str, where: str, folder: Path, lines: 
     }
     scenes = {name: described for name, (_, described) in draft.scenes.items()}
     return Plan(study.study.name, study.study.seed, text, grid, scenes, machines, draft.views)
+
+
+def _is_table(draft: _Draft, value: Any, path: KeyPath) -> bool:
+    if not isinstance(value, dict):
+        draft.wrong(path, f"{shown(value)} is not allowed; allowed: a table")
+    return isinstance(value, dict)
 
 
 def _blocks(draft: _Draft, table: dict[str, Any], path: KeyPath, lists: bool) -> list[Block]:
