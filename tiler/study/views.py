@@ -115,14 +115,16 @@ def look(scene: Scene, sphere: Sphere | None, view: dict[str, Any], frame: float
 
 def bounding_sphere(scene: Scene) -> Sphere:
     """Sphere around all control points with a positive weight, wider by the largest displacement."""
-    points = scene.control_points.astype(np.float64)
-    rows = scene.transforms.astype(np.float64)[scene.object_id]  # (P, 3, 4)
+    points = [scene.control_points.astype(np.float64).reshape(-1, 4)]
+    objects = [np.repeat(scene.object_id, 16)]
+    for mesh in getattr(scene, "meshes", ()):  # a subdivision surface lies inside the hull of its vertices, too
+        points.append(np.column_stack([mesh.vertices, np.ones(len(mesh.vertices))]).astype(np.float64))
+        objects.append(np.full(len(mesh.vertices), mesh.object_id))
+    point = np.concatenate(points)
+    rows = scene.transforms.astype(np.float64)[np.concatenate(objects)]  # (N, 3, 4)
     with np.errstate(all="ignore"):
-        world = [
-            sum(rows[:, None, None, axis, k] * points[..., k] for k in range(4)) / points[..., 3] for axis in range(3)
-        ]
-        x, y, z = (np.ravel(each) for each in world)
-        used = np.isfinite(x) & np.isfinite(y) & np.isfinite(z) & (np.ravel(points[..., 3]) > 0)
+        x, y, z = (sum(rows[:, axis, k] * point[:, k] for k in range(4)) / point[:, 3] for axis in range(3))
+        used = np.isfinite(x) & np.isfinite(y) & np.isfinite(z) & (point[:, 3] > 0)
         if not used.any():
             return Sphere((0.0, 0.0, 0.0), 1.0)
         x, y, z = x[used], y[used], z[used]
