@@ -70,8 +70,10 @@ def test_public_names_are_complete_and_documented():
         "TilerError",
         "__version__",
         "load_scene",
+        "load_study",
         "scene_names",
         "simulate",
+        "sweep",
     }
     assert dir(tiler) == sorted(tiler.__all__)
     for name in tiler.__all__:

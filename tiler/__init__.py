@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from tiler.scene import load_scene as load_scene
     from tiler.scene import scene_names as scene_names
     from tiler.simulation import simulate as simulate
+    from tiler.study.results import load_study as load_study
+    from tiler.study.run import sweep as sweep
 
 __version__ = "0.1.0"
 
@@ -22,11 +24,24 @@ _HOME = {
     "Scene": "tiler.scene",
     "TilerError": "tiler.errors",
     "load_scene": "tiler.scene",
+    "load_study": "tiler.study.results",
     "scene_names": "tiler.scene",
     "simulate": "tiler.simulation",
+    "sweep": "tiler.study.run",
 }
 
-__all__ = ["Frame", "Machine", "Scene", "TilerError", "__version__", "load_scene", "scene_names", "simulate"]
+__all__ = [
+    "Frame",
+    "Machine",
+    "Scene",
+    "TilerError",
+    "__version__",
+    "load_scene",
+    "load_study",
+    "scene_names",
+    "simulate",
+    "sweep",
+]
 
 
 def __getattr__(name: str) -> Any:

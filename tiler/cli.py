@@ -260,6 +260,74 @@ def cost(
 
 
 @app.command
+def sweep(
+    study: Path | None = None,
+    *,
+    out: Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    shard: str | None = None,
+    threads: int | None = None,
+    csv: Path | None = None,
+    parquet: Path | None = None,
+    status: bool = False,
+    merge: Annotated[tuple[Path, ...], Parameter(consume_multiple=True)] = (),
+    retry_failed: bool = False,
+    yes_run: int | None = None,
+    json: JsonPath = None,
+    quiet: Annotated[bool, Parameter(name=("--quiet", "-q"))] = False,
+) -> None:
+    """Run a study: a grid of scenes, views, frames and machines into one table; interrupted, it goes on where it stopped.
+
+    Examples: `tiler sweep bounds.toml --out bounds.db --workers 8 --csv bounds.csv`;
+    `tiler sweep --status --out bounds.db`; as job 3 of an array of 64 `tiler sweep bounds.toml --shard 3/64 --out part3.db`,
+    and afterwards `tiler sweep bounds.toml --out bounds.db --merge part*.db`.
+    The exit status is 1 if rows have failed.
+
+    Parameters
+    ----------
+    study
+        A study file (docs/studies.md); for --status and exports the results file is enough.
+    out
+        Results file, an SQLite database; by default the study's name with .db.
+    workers
+        Processes of this computer; by default rows run in this one.
+    scheduler
+        Address of a Dask scheduler to run on, such as tcp://host:8786.
+    shard
+        Run part I of N only, as I/N with I from 1 to N.
+    threads
+        Threads of this computer for each frame; all by default, one in workers.
+    csv
+        Write the table as CSV too, and a .json beside it with what its columns mean.
+    parquet
+        Write the table as Parquet too (needs duckdb).
+    status
+        Say how far a study is, and run nothing.
+    merge
+        Take over the rows of other results files of this study, and run nothing.
+    retry_failed
+        Run failed rows again.
+    yes_run
+        Confirm a large study by its number of rows.
+    json
+        Write a summary as JSON to this file; - for standard output and nothing else there.
+    quiet
+        No summary and no progress.
+    """
+    from tiler.study.command import SweepRequest, run_command
+
+    request = SweepRequest(
+        study, out, workers, scheduler, shard, threads, csv, parquet, status, merge, retry_failed, yes_run, quiet
+    )
+    summary = run_command(request)
+    if not _write_json(summary, json) and not quiet:
+        print(summary["text"])
+    if summary["failed"]:
+        sys.exit(1)
+
+
+@app.command
 def validate(
     what: Literal["bounds", "tessellator"],
     *,
