@@ -110,6 +110,17 @@ def parse_factor(text: str) -> float | tuple[float, ...]:
     return values[0] if len(values) == 1 else values
 
 
+def parse_factors(text: str) -> list[float]:
+    """Factors to measure at, from 8,16,32."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if not values or not all(1 <= value <= 64 for value in values):
+        raise TilerError(f"factors: {text!r} is not allowed; allowed: numbers from 1 to 64, separated by commas")
+    return values
+
+
 def parse_cull(text: str) -> tuple[str, ...]:
     """Names of cull tests."""
     return () if text == "none" else tuple(part.strip() for part in text.split(","))

@@ -12,7 +12,7 @@ when it compiles, and would meet the stopwatch there.
 import sys
 import threading
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from types import FunctionType, ModuleType
@@ -30,8 +30,8 @@ class Stopwatch:
     """Seconds by function, `module.function` or `TABLE[entry]`, summed over calls and, for kernels, over threads."""
 
     def __init__(self) -> None:
-        self.stages: Counter[str] = Counter()
-        self.kernels: Counter[str] = Counter()
+        self.stages: defaultdict[str, float] = defaultdict(float)
+        self.kernels: defaultdict[str, float] = defaultdict(float)
         self._lock = threading.Lock()
         self._inside = False
 
