@@ -23,6 +23,8 @@ from pipeline.types import F32, I32
 from tiler.errors import TilerError
 from tiler.scene.model import Scene
 
+LAYOUT = ("4f 2f", "position", "texcoord")
+PLAIN_LAYOUT = ("4f 2x4", "position")  # the compiler drops the texture corners
 POINTS = 4700  # most domain points of one draw
 EGL_DEVICES = 4  # on a machine with GPUs the software device is not the first
 SPACING = {
@@ -118,7 +120,7 @@ class Renderer:
     def __init__(self, threads: int) -> None:
         self.threads = threads
         self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
-        self.name: str = self._call(_open, threads)
+        self.name: str = self._call(_open, threads, missing=f"is not available; it takes {NEEDED}")
 
     def __enter__(self) -> Self:
         return self
@@ -140,16 +142,14 @@ class Renderer:
         picture: Picture = self._call(_read)
         return picture
 
-    def _call(self, function: Any, *arguments: Any) -> Any:
+    def _call(self, function: Any, *arguments: Any, missing: str = "cannot draw this") -> Any:
         try:
             return self._pool.submit(function, *arguments).result(timeout=600)
         except BrokenProcessPool:
-            raise TilerError(f"peer: llvmpipe is not available: its process died; it takes {NEEDED}") from None
+            raise TilerError(f"peer: llvmpipe {missing}: its process died") from None
         except Exception as error:  # no driver, no moderngl, an old GL: each has its own class
             self._pool.shutdown(wait=False, cancel_futures=True)
-            raise TilerError(
-                f"peer: llvmpipe is not available: {type(error).__name__}: {error}; it takes {NEEDED}"
-            ) from None
+            raise TilerError(f"peer: llvmpipe {missing}: {type(error).__name__}: {error}") from None
 
 
 # What follows runs in the child process.
@@ -214,7 +214,7 @@ def _load(drawing: Drawing) -> None:
             made[name].value = getattr(drawing, name)
     buffer = context.buffer(drawing.vertices.tobytes())
     meshes = {
-        displaced: context.vertex_array(made, [(buffer, "4f 2f", "position", "texcoord")])
+        displaced: context.vertex_array(made, [(buffer, *(LAYOUT if displaced else PLAIN_LAYOUT))])
         for displaced, made in program.items()
     }
     textures = []

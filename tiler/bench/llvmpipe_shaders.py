@@ -71,7 +71,7 @@ void main() {
 #else
     vec3 p = h, pu = hu, pv = hv;
 #endif
-    vec3 across = cross(pu, pv), n = normalize(across);
+    vec3 across = cross(pu, pv), n = dot(across, across) > 0.0 ? normalize(across) : vec3(0.0);
     normal = n;
 #if DISPLACED
     vec2 s = v0 * (u0 * st[0] + u * st[1]) + v * (u0 * st[2] + u * st[3]);

@@ -60,9 +60,10 @@ def compare_with_llvmpipe(
 ) -> tuple[str, list[dict[str, Any]]]:
     """llvmpipe's name, and a row for each scene, factor and machine. out : folder for both pictures of each.
 
-    Row: scene, factor, machine, seconds, peer_seconds (medians), ratio (median of peer / machine), the same of processor
-    time of all threads (cpu_...), spin (median seconds), ds_invocations and the peer's, covered (pixels), covered_by_one,
-    depth_median and depth_most (difference where both cover). Raises TilerError where llvmpipe is not installed.
+    Row: scene, factor, machine, seconds and peer_seconds (medians), ratio (median of peer / machine), the fastest of both,
+    the medians of processor time of all threads (cpu_...), spin (median seconds), ds_invocations and the peer's, covered
+    (pixels), covered_by_one, depth_median and depth_most (difference where both cover). Raises TilerError where llvmpipe is
+    not installed.
     """
     rows = []
     with Renderer(lp_threads(threads)) as peer:
@@ -112,6 +113,8 @@ def _row(
         "seconds": seconds,
         "peer_seconds": peer_seconds,
         "ratio": statistics.median(peer / ours for ours, peer, *_ in turns),
+        "fastest": min(ours for ours, *_ in turns),
+        "peer_fastest": min(peer for _, peer, *_ in turns),
         "cpu_seconds": cpu,
         "peer_cpu_seconds": peer_cpu,
         "cpu_ratio": statistics.median(peer / ours for _, _, ours, peer, _ in turns),

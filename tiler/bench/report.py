@@ -42,7 +42,7 @@ def as_json(results: Results) -> dict[str, Any]:
     if results.memory is not None:
         found["memory"] = results.memory._asdict()
     if results.startup:
-        found["startup"] = results.startup
+        found["startup"] = [wait._asdict() for wait in results.startup]
     return found
 
 
@@ -91,7 +91,9 @@ def _asked(results: Results) -> Table:
         m = results.memory
         what = f"{m.patches:,} patches, factor {m.factor:g}, {m.size[0]}x{m.size[1]}: peak GB"
         rows.append((what, m.peak_bytes / 1e9, ".2f", ASKED_BYTES / 1e9, False))
-    rows += [(f"{name}: s", results.startup[name], ".2f", ASKED[name], False) for name in results.startup]
+    for wait in results.startup:
+        rows.append((f"{wait.what}: s", wait.seconds, ".2f", ASKED[wait.what], False))
+        rows.append((f"{wait.what}: processor s", wait.cpu_seconds, ".2f", ASKED[wait.what], False))
     return Table(
         "Asked and reached",
         ["", "measured", "asked", ""],
@@ -161,13 +163,18 @@ def _scaling(points: list[Point]) -> list[Table]:
 def _peer(results: Results) -> Table:
     rows = [
         [r["scene"], r["machine"], f"{r['factor']:g}", f"{r['seconds'] * 1e3:,.0f}", f"{r['peer_seconds'] * 1e3:,.0f}",
-         f"{r['ratio']:.2f}", f"{r['cpu_ratio']:.2f}", f"{r['spin'] * 1e3:.2f}", f"{r['ds_invocations']:,}",
-         f"{r['peer_ds_invocations']:,}", f"{r['covered_by_one']:,} of {r['covered']:,}", f"{r['depth_most']:.1e}"]
+         f"{r['ratio']:.2f}", f"{r['peer_fastest'] / r['fastest']:.2f}", f"{r['cpu_ratio']:.2f}",
+         f"{r['spin'] * 1e3:.2f}", f"{r['ds_invocations']:,}", f"{r['peer_ds_invocations']:,}",
+         f"{r['covered_by_one']:,} of {r['covered']:,}", f"{r['depth_most']:.1e}"]
         for r in results.peer
     ]  # fmt: skip
-    head = ["scene", "machine", "factor", "ms", "llvmpipe ms", "ratio", "CPU ratio", "spin ms", "DSInvocations",
+    note = (
+        f"{results.peer_name}. Medians of frames drawn in turn; ratio: llvmpipe's time to ours; fastest: the same of "
+        "the fastest frames; CPU ratio: the same of processor time, all threads."
+    )
+    head = ["scene", "machine", "factor", "ms", "llvmpipe ms", "ratio", "fastest", "CPU ratio", "spin ms", "DSInvocations",
             "llvmpipe's", "pixels of one only", "depth apart"]  # fmt: skip
-    return Table("Side by side with llvmpipe", head, rows, words=2, note=results.peer_name)
+    return Table("Side by side with llvmpipe", head, rows, words=2, note=note)
 
 
 def _number(ns: float) -> str:

@@ -8,6 +8,7 @@ from tiler.bench.facts import host_facts, load_average, spin
 from tiler.bench.limits import arithmetic_limit, bandwidth_limit
 from tiler.bench.scaling import Memory, Point, million_patches, scaling
 from tiler.bench.stages import Stage, measure_stages
+from tiler.bench.startup import Wait, measure_startup
 
 QUICK_SIZE = (960, 540)
 
@@ -39,7 +40,7 @@ class Results(NamedTuple):
     stages: list[Stage]
     scaling: list[Point]
     memory: Memory | None
-    startup: dict[str, float]
+    startup: list[Wait]
     peer_name: str
     peer: list[dict[str, Any]]
 
@@ -71,7 +72,7 @@ def run_bench(
     """Measure what is asked for. progress : called with the name of each part before it starts."""
     host = host_facts(threads) | {"load_before": load_average(), "spin_before_ms": round(spin() * 1e3, 3)}
     found_limits, found_stages, points, memory = None, [], [], None
-    times: dict[str, float] = {}
+    times: list[Wait] = []
     name = ""
     rows: list[dict[str, Any]] = []
     if peer:
@@ -89,8 +90,6 @@ def run_bench(
         progress("a million patches")
         memory = million_patches(threads)
     if startup:
-        from tiler.bench.startup import measure_startup
-
         progress("start-up")
         times = measure_startup()
     host |= {"load_after": load_average(), "spin_after_ms": round(spin() * 1e3, 3)}
