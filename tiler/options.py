@@ -117,11 +117,14 @@ def parse_factor(text: str) -> float | tuple[float, ...]:
 
 
 def parse_factors(text: str) -> list[float]:
-    """Tessellation factors from a list such as 2,4,8."""
+    """Factors to measure at, from 8,16,32."""
     try:
-        return [float(part) for part in text.split(",")]
+        values = [float(part) for part in text.split(",")]
     except ValueError:
-        raise TilerError(f"factors: {text!r} is not allowed; allowed: numbers separated by commas") from None
+        values = []
+    if not values or not all(1 <= value <= 64 for value in values):
+        raise TilerError(f"factors: {text!r} is not allowed; allowed: numbers from 1 to 64, separated by commas")
+    return values
 
 
 def parse_cull(text: str) -> tuple[str, ...]:
