@@ -1,7 +1,7 @@
 """The one decorator that compiles kernels, and where their compiled code is kept between processes.
 
 `kernel` marks a function that Python calls: compiled at its first call, without the GIL held, and cached on disk.
-`helper` marks a function that only kernels call: it is compiled into them.
+`helper` marks a function that only kernels call: it is compiled into them. `inlined` is a helper that is never a call.
 
 Numba's own disk cache looks at the file that holds a kernel and at nothing else: after an edit of a helper in another
 file, the stale kernel goes on answering. So each module's kernels are kept in a folder named by a digest of that module
@@ -130,6 +130,11 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 def helper(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile `function` into the kernels that call it. Not cached by itself: that would gain nothing."""
     return numba.njit(nogil=True, error_model="numpy")(function)
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """As `helper`, and never left as a call, however large: for the body of a loop, which does not vectorize around calls."""
+    return numba.njit(nogil=True, error_model="numpy", forceinline=True)(function)
 
 
 class _Announcer(event.Listener):
