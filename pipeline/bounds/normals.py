@@ -9,7 +9,8 @@ cone is found by comparing quotients as products, so there is one division a con
 - the error of the normal in NPATCH's cone is TPATCH's where the tangents have cones of their own, as both are about the
   same thing: the direction of the shader's normal. Else it is at most (2 TANGENT + 3) u A B / h, with A and B the largest
   sizes of the tangents' control vectors and h the least n.z of the normal patch's, binomials divided out. Both cover
-  float64: where there are tangents' cones and the normals' cosine is above 2^-10, v.z >= apart cos(theta) sum |a| |b| for a normal patch's control vector v, and 2^-49 of that sum is what rounds;
+  float64: where the tangents have cones and the normals' cosine is above 2^-10, v.z >= apart cos(theta) sum |a| |b| for a
+  normal patch's control vector v, and 2^-49 of that sum is what rounds;
 - control vectors with 0 < dot <= LEAST count as beyond 90 degrees, and squares of 2^120 or more as unknown: products of
   four components neither overflow nor underflow.
 
