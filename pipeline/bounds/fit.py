@@ -234,8 +234,9 @@ def _fit_boxes(control_points, rational, gregory_id, inner, domain, s, points, a
             _divide(s)
         _frames(s)
         _mend_frames(s, points, axes)
-        for r in range(3):
-            _extent(s, r)
+        _extent(s, 0)
+        _extent(s, 1)
+        _extent(s, 2)
         if some_gregory:
             _widen_gregory(control_points, domain, gregory_id, inner, first, n, s)
         for k in range(KEPT):

@@ -358,11 +358,11 @@ def _bound_normals(
         for k in range(12):
             _turn(s, ALONG_U + k, FACTORS_U[k])
             _turn(s, ALONG_V + k, FACTORS_V[k])
-        for which in range(2):
-            net, turn, out_row = ALONG_U + 48 * which, TURN_T + 2 * which, STEEP_T + 3 * which
-            _cone(s, net, turn, out_row)
-            if not whole:
-                _spread(s, net, turn, out_row + 1)
+        _cone(s, ALONG_U, TURN_T, STEEP_T)
+        _cone(s, ALONG_V, TURN_B, STEEP_B)
+        if not whole:
+            _spread(s, ALONG_U, TURN_T, SPREAD_T)
+            _spread(s, ALONG_V, TURN_B, SPREAD_B)
         _combine(s)
         if kind == NPATCH:
             _multiply(s)
