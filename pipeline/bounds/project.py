@@ -291,8 +291,10 @@ def _project_boxes(matrix, viewport, s, bounds):
         _load_boxes(first, n, bounds.center, bounds.axes, s)
         for lane in range(LANES):
             s[BOUND * LANES + lane] = 0.0
-        for row in range(4):
-            _transform(matrix, row, s)
+        _transform(matrix, 0, s)
+        _transform(matrix, 1, s)
+        _transform(matrix, 2, s)
+        _transform(matrix, 3, s)
         _classify(s)
         _find_ratios(s)
         _find_pixels(viewport, s)
