@@ -14,9 +14,11 @@ from PIL import Image
 from pydantic import BaseModel
 
 import tiler
+from pipeline.bounds import BOUNDS
 from tiler.comparison import MACHINES, compare
 from tiler.config import Machine
 from tiler.cost_model import break_even, break_even_text, cost_model_names, load_cost_model
+from tiler.costs import PAPER, count_operations
 from tiler.counters import DEFINITIONS
 from tiler.files import write_bytes, write_png
 from tiler.heatmaps import heatmap_picture
@@ -228,8 +230,21 @@ def break_even_rows() -> str:
     return aligned_table(["factor", *machines], [*rows, ["pays from", "", *pays]])
 
 
+def costs_rows() -> str:
+    """docs/bounds.md: operations of the bounds in invocations of the domain shader."""
+    counts = count_operations(1)
+    plain, mapped = counts["domain shader"], counts["domain shader, map"]
+    lines = ["| bound | box | all | paper |", "| --- | ---: | ---: | ---: |"]
+    for name in BOUNDS:
+        paper = f"{PAPER[name][0]:g}" if name in PAPER else ""
+        box, whole = counts[name].box / plain.total, counts[name].total / mapped.total
+        lines.append(f"| `{name}` | {box:.1f} | {whole:.1f} | {paper} |")
+    return "\n".join(lines)
+
+
 TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
     "counters": (ROOT / "README.md", counters_table),
+    "costs": (ROOT / "docs" / "bounds.md", costs_rows),
     "quality": (ROOT / "docs" / "bounds.md", quality_rows),
     "scene keys": (ROOT / "docs" / "scenes.md", scene_keys_table),
     "builders": (ROOT / "docs" / "scenes.md", builders_table),

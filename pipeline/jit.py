@@ -1,7 +1,7 @@
 """The one decorator that compiles kernels, and where their compiled code is kept between processes.
 
 `kernel` marks a function that Python calls: compiled at its first call, without the GIL held, and cached on disk.
-`helper` marks a function that only kernels call: it is compiled into them.
+`helper` marks a function that only kernels call: it is compiled into them. `inlined` is a helper that is never a call.
 
 Numba's own disk cache looks at the file that holds a kernel and at nothing else: after an edit of a helper in another
 file, the stale kernel goes on answering. So each module's kernels are kept in a folder named by a digest of that module
@@ -133,7 +133,10 @@ def helper(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
-    """As `helper`, and copied into each of its callers, so that a loop over rows sees where these lie in memory."""
+    """As `helper`, and never left as a call, however large: for the body of a loop, which does not vectorize around calls.
+
+    Copied into each of its callers, so a loop over rows sees where these lie in memory.
+    """
     return numba.njit(nogil=True, error_model="numpy", forceinline=True)(function)
 
 

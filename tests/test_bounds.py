@@ -86,7 +86,7 @@ def family_of(kind, rng, n=16):
     """Patches, their maps, and the middle and the size of each."""
     make = rational_patch if kind in ("rational", "rational displaced") else smooth_patch
     cp = np.stack([make(rng) for _ in range(n)]).astype(np.float64)
-    if kind == "degenerate":
+    if kind in ("degenerate", "degenerate displaced"):
         cp[0::4] = dome()
         cp[1::4] = cp[1::4, :1, :1]
         cp[2::4, :, :, 1:3] = 0.7

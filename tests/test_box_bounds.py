@@ -5,9 +5,10 @@ from math import comb
 import numpy as np
 import pytest
 
-from pipeline.bounds import BOUNDS, cones, general
+from pipeline.bounds import BOUNDS, cones, general, scalar_normals, tangents
+from pipeline.bounds.lookup import displacement_ranges
 from pipeline.bounds.obb_frame import make_frame
-from pipeline.bounds.restrict import domain_displacement, project_net, restrict_patch
+from pipeline.bounds.restrict import project_net, restrict_patch
 from pipeline.hull import make_input
 from pipeline.types import Patches
 from tests.naive_domain import NaiveMap, exact_surface
@@ -157,7 +158,7 @@ def test_boxes_hold_both_ends_of_the_displacement(kind, seed):
 
 def ends_of(stage, d):
     """Least and greatest displacement in the part of the map that domain d reads, rounded inwards to float32."""
-    lo, hi = domain_displacement(d, stage.patches, stage.maps, stage.pyramids, *stage.domain[d], False)
+    lo, hi = displacement_ranges(stage)[:, d]
     shrink = 8 * U * max(abs(lo), abs(hi))
     lo, hi = (lo + shrink, hi - shrink) if hi - lo > 2 * shrink else ((lo + hi) / 2,) * 2
     return np.float32(lo), np.float32(hi)
@@ -369,12 +370,13 @@ def test_frames_are_orthonormal(seed):
 
 def fast_nets(cp):
     """Tangent and normal nets of the fast path for the whole patch, their scale removed."""
-    work = cones.make_work()
-    cones._polynomial_nets(cp, 0.0, 1.0, 0.0, 1.0, work)
+    work = tangents.make_work()
+    given_u, given_v = np.empty((0, 3, 4, 3), np.float32), np.empty((0, 4, 3, 3), np.float32)
+    tangents.polynomial_nets(cp, -1, given_u, given_v, 0.0, 1.0, 0.0, 1.0, work)
     u, v = work.along_u[..., :3] * 3, work.along_v[..., :3] * 3
-    cones._scale(work.along_u)
-    cones._scale(work.along_v)
-    cones.multiply_tangents(work.along_u, work.along_v, work.normals)
+    scalar_normals.scale_net(work.along_u)
+    scalar_normals.scale_net(work.along_v)
+    scalar_normals.multiply_tangents(work.along_u, work.along_v, work.normals)
     return u, v, unscaled(work.normals[..., :3] * 9)
 
 
@@ -394,8 +396,8 @@ def test_the_bicubic_path_equals_the_general_one(seed):
             assert ours.shape == expected.shape
             np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-13 * abs(expected).max() * 10)
         cp = rational_patch(rng)
-        work = cones.make_work()
-        cones._rational_nets(cp, 0.0, 1.0, 0.0, 1.0, work)
+        work = tangents.make_work()
+        tangents.rational_nets(cp, 0.0, 1.0, 0.0, 1.0, work)
         expected = general.rational_tangent_nets(cp.astype(np.float64))
         for ours, theirs in zip((work.rational_u, work.rational_v), expected, strict=True):
             np.testing.assert_allclose(3 * unscaled(ours[..., :3]), theirs, rtol=0, atol=1e-12 * abs(theirs).max())

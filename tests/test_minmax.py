@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from pipeline import minmax
-from pipeline.bounds.restrict import domain_displacement, texcoord_rect
+from pipeline.bounds.lookup import displacement_ranges
+from pipeline.bounds.restrict import texcoord_rect
 from pipeline.hull import make_input
 from pipeline.minmax import build_pyramids, query_ranges
 from pipeline.types import Pyramids, Viewport
@@ -99,13 +100,13 @@ def assert_enclosed(rng, mode, size, texcoords, ends, context):
     """Lookups of 40 patches over domains float64[40, 2, 2] lie in their ranges."""
     images = [random_image(rng, mode, size, rng.normal()) for _ in range(40)]
     patches = make_one(np.repeat(flat_square()[None], 40, 0), texcoords, np.arange(40))
-    stage = make_input(patches, pack(images), IDENTITY, VIEWPORT)
+    stage = make_input(patches, pack(images), IDENTITY, VIEWPORT, domain=np.ascontiguousarray(ends.reshape(40, 4)))
     uv = [np.float32(e[:, 0] + np.round(random_points(rng, 50) * np.ptp(e, axis=1) * 65536) / 65536) for e in ends]
     found = lookups(images, texcoords, uv)
-    for k in range(40):
-        (u0, u1), (v0, v1) = ends[k]
-        for exact in (False, True):
-            lo, hi = domain_displacement(k, stage.patches, stage.maps, stage.pyramids, u0, u1, v0, v1, exact)
+    for exact in (False, True):
+        ranges = displacement_ranges(stage, exact=exact)
+        for k in range(40):
+            lo, hi = ranges[:, k]
             assert lo <= found[k].min() and found[k].max() <= hi, f"{context}, patch {k}, {ends[k].tolist()}"
 
 
@@ -217,7 +218,7 @@ def test_far_away_coordinates_are_enclosed(mode, where):
     patches = make_one(flat_square(), texcoords, 0)
     stage = make_input(patches, pack([image]), IDENTITY, VIEWPORT)
     (found,) = lookups([image], texcoords[None], [random_points(rng, 100)])
-    lo, hi = domain_displacement(0, stage.patches, stage.maps, stage.pyramids, 0.0, 1.0, 0.0, 1.0, True)
+    lo, hi = displacement_ranges(stage, exact=True)[:, 0]
     assert lo <= found.min() and found.max() <= hi
 
 
@@ -229,7 +230,7 @@ def test_a_broken_map_has_no_range():
         IDENTITY,
         VIEWPORT,
     )
-    assert np.isnan(domain_displacement(0, stage.patches, stage.maps, stage.pyramids, 0.0, 1.0, 0.0, 1.0, False)).all()
+    assert np.isnan(displacement_ranges(stage)).all()
 
 
 def test_the_rectangle_holds_what_the_outline_misses():

@@ -73,10 +73,10 @@ def test_counters_equal_the_slow_machine(binning, basis):
 
 
 def test_patches_are_numbered_in_object_order():
-    patches = run_vertex_shader(mesh_scene(between=True))
+    patches = run_vertex_shader(mesh_scene(between=True), 0)
     assert patches.object_id.tolist() == [0] * 6 + [1] and patches.map_id.tolist() == [0] * 6 + [-1]
     assert patches.tangent_id.tolist() == [*range(6), -1] and patches.normal_id.tolist() == [*range(6), -1]
-    other = run_vertex_shader(mesh_scene(between=False))
+    other = run_vertex_shader(mesh_scene(between=False), 0)
     assert other.object_id.tolist() == [0] + [1] * 6 and other.tangent_id.tolist() == [-1, *range(6)]
     np.testing.assert_array_equal(patches.control_points[:6], other.control_points[1:])
 
@@ -87,7 +87,7 @@ def test_two_meshes_share_tables_without_mixing():
     second = replace(first, object_id=2, vertices=first.vertices * np.float32(0.5))
     both = replace(scene, meshes=(first, second), transforms=np.stack([*scene.transforms, IDENTITY]))
     alone = replace(scene, meshes=(replace(second, object_id=1),), transforms=np.stack([IDENTITY, IDENTITY]))
-    a, b = run_vertex_shader(both), run_vertex_shader(alone)
+    a, b = run_vertex_shader(both, 0), run_vertex_shader(alone, 0)
     for p, q in zip(range(7, 13), range(1, 7), strict=True):
         np.testing.assert_array_equal(a.tangent_u[a.tangent_id[p]], b.tangent_u[b.tangent_id[q]])
         for e in range(4):

@@ -5,36 +5,11 @@ displacement within its part of the map, the largest *absolute* value, the texel
 the hull of the texture corners rather than their outline. Here from every texel of the footprint, not from a pyramid.
 """
 
-import numpy as np
-
-from pipeline.bounds.cbox import control_box, fill_cartesian_box
-from pipeline.bounds.project import allocate, project_box
-from pipeline.bounds.restrict import domain_displacement
-from pipeline.jit import kernel
+from pipeline.bounds.cbox import bound_cartesian
+from pipeline.bounds.lookup import displacement_ranges
 from pipeline.types import HullInput, PatchBounds
-
-
-@kernel
-def _bound_patches(patches, maps, pyramids, domain, matrix, viewport, net, bounds):
-    for p in range(len(patches.control_points)):
-        u0, u1, v0, v1 = domain[p]
-        box = control_box(patches.control_points[p], patches.rational[p], u0, u1, v0, v1, net)
-        lo, hi = domain_displacement(p, patches, maps, pyramids, u0, u1, v0, v1, True)
-        fill_cartesian_box(p, box, max(abs(lo), abs(hi)), bounds)
-        project_box(p, matrix, viewport, bounds)
 
 
 def bound_patches(stage: HullInput) -> PatchBounds:
     """Bound every patch over its domain. A weight <= 0 or a broken map gives a NaN box, which culls nothing."""
-    bounds = allocate(len(stage.patches.control_points))
-    _bound_patches(
-        stage.patches,
-        stage.maps,
-        stage.pyramids,
-        stage.domain,
-        stage.clip_from_world,
-        stage.viewport,
-        np.empty((4, 4, 4)),
-        bounds,
-    )
-    return bounds
+    return bound_cartesian(stage, displacement_ranges(stage, exact=True), False)

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from pipeline.jit import helper
+from pipeline.jit import helper, inlined
 
 LEAST_SINE = 1e-12  # of the angle between t and b
 
@@ -27,7 +27,7 @@ def unit(x, y, z):
     return x / length, y / length, z / length
 
 
-@helper
+@inlined
 def cross(a, b):
     """Cross product of two vectors (tuples)."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

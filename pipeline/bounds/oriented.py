@@ -1,86 +1,102 @@
-"""What the oriented bounds share: frame and displacement of a patch before, its box after the bound of its normals.
+"""The driver of the oriented bounds: fitted box, displacement, bound of the normals, and the box that they make together.
 
 Munkberg et al. 2010, section 3.1: along each axis of the frame the box is the extent of the control points over the
 domain, plus the range of displacement x normal. `obbtex`, `tpatch`, `tpatch_tight` and `npatch` differ in the range of
 the normal alone. A patch whose normal is zero somewhere stays where it is there; no algorithm knows a normal bound then
 (`cones`), and the range [-1, 1] holds zero.
 
-Widened outwards for the float32 shader (u = 2^-24): the position as in `cbox`, seen along each axis; p + t n rounds once,
-t n once, and the components of n are off by at most 4 u in length: 6 u |t|, as vectors at most sqrt(3) times that.
+Widened outwards for the float32 shader (u = 2^-24), beside what `fit` adds: p + t n rounds once, t n once, and the
+components of n are off by at most 4 u in length: 6 u |t|, as vectors at most sqrt(3) times that.
+
+Each step is a kernel of its own that all bounds share; between them go rows over all patches (`lanes`).
 """
+
+from collections.abc import Callable
 
 import numpy as np
 
-from pipeline.bounds.cbox import position_errors
-from pipeline.bounds.obb_frame import make_frame
-from pipeline.bounds.project import project_box
-from pipeline.bounds.restrict import domain_displacement, project_net, restrict_patch
-from pipeline.jit import helper
+from pipeline.bounds.fit import AXES, HI, KEPT, LO, SIZE, fit_boxes
+from pipeline.bounds.lanes import LANES, least4, load_row, most4, scratch
+from pipeline.bounds.lookup import displacement_ranges
+from pipeline.bounds.project import allocate, project_boxes
+from pipeline.jit import helper, inlined, kernel
+from pipeline.types import F64, HullInput, PatchBounds
 
 U = 2.0**-24
-FLOAT64 = 2.0**-46  # above the rounding of projections on the axes, relative to the largest coordinate
+
+NormalBound = Callable[[HullInput, F64], F64]
+
+T_LO, T_HI = KEPT, KEPT + 1
+X_MOST, Y_MOST, Z_LEAST, CONE = (KEPT + 2 + k for k in range(4))
+CENTER, HALF = KEPT + 6, KEPT + 9
+ROWS = KEPT + 18
+
+
+@inlined
+def _grow_axis(s, r, most, d_lo, d_hi, lane):
+    """Middle and half of the extent along axis r with displacements d_lo .. d_hi along it, |t| <= most; NaN if they are."""
+    poison = (d_lo - d_lo) + (d_hi - d_hi)
+    size = s[SIZE * LANES + lane]
+    pad = 12.0 * U * most + (3.5 * U * size if most > 0.0 else 0.0) + poison
+    lo, hi = s[(LO + r) * LANES + lane] + d_lo, s[(HI + r) * LANES + lane] + d_hi
+    return 0.5 * (lo + hi), 0.5 * (hi - lo) + pad
 
 
 @helper
-def begin(p, patches, maps, pyramids, domain, work):
-    """Fill work.points and work.axes of patch p; returns (least, greatest displacement), (cos, sin) of the frame."""
-    u0, u1, v0, v1 = domain[p]
-    restrict_patch(patches.control_points[p], u0, u1, v0, v1, work.points)
-    if patches.rational[p]:
-        project_net(work.points)
-    reach = domain_displacement(p, patches, maps, pyramids, u0, u1, v0, v1, False)
-    return reach, make_frame(work.points, work.axes)
-
-
-@helper
-def _extent(points, axis):
-    """Range of the points along a unit vector."""
-    lo, hi = np.inf, -np.inf
-    for i in range(4):
-        for j in range(4):
-            along = points[i, j, 0] * axis[0] + points[i, j, 1] * axis[1] + points[i, j, 2] * axis[2]
-            lo, hi = min(lo, along), max(hi, along)
-    return lo, hi
-
-
-@helper
-def _product(t_lo, t_hi, n_lo, n_hi):
-    """Range of t n."""
-    a, b, c, d = t_lo * n_lo, t_lo * n_hi, t_hi * n_lo, t_hi * n_hi
-    return min(a, b, c, d), max(a, b, c, d)
-
-
-@helper
-def finish(p, patches, reach, x_most, y_most, z_least, cosine, work, matrix, viewport, bounds):
-    """Fill bounds of patch p, whose normals in the frame have |x| <= x_most, |y| <= y_most, z >= z_least.
-
-    cosine : of the half angle of their cone about z; -1 if not known.
-    """
-    t_lo, t_hi = reach
-    displaced = patches.map_id[p] >= 0
-    errors = position_errors(patches.control_points[p], patches.rational[p])
-    size = 0.0
-    for i in range(4):
-        for j in range(4):
-            q = work.points[i, j]
-            size = max(size, abs(q[0]), abs(q[1]), abs(q[2]))
-    center = bounds.center[p]
-    center[0] = center[1] = center[2] = 0.0
-    for r in range(3):
-        axis = work.axes[r]
-        lo, hi = _extent(work.points, axis)
-        pad = FLOAT64 * size + abs(axis[0]) * errors[0] + abs(axis[1]) * errors[1] + abs(axis[2]) * errors[2]
-        if displaced:
-            d_lo, d_hi = _product(t_lo, t_hi, z_least if r == 2 else -(x_most if r == 0 else y_most),
-                                  1.0 if r == 2 else (x_most if r == 0 else y_most))  # fmt: skip
-            pad += 12.0 * U * max(abs(t_lo), abs(t_hi)) + 2.0 * U * size * (abs(axis[0]) + abs(axis[1]) + abs(axis[2]))
-            lo, hi = lo + d_lo, hi + d_hi
-        if not (t_lo > -np.inf and t_hi < np.inf):
-            lo = hi = np.nan
-        middle, half = 0.5 * (lo + hi), 0.5 * (hi - lo) + pad
+def _grow_block(s):
+    """Rows CENTER and HALF (3 r + c: component c of half-extent vector r) of a block."""
+    for lane in range(LANES):
+        t_lo, t_hi = s[T_LO * LANES + lane], s[T_HI * LANES + lane]
+        most = max(abs(t_lo), abs(t_hi)) + (t_lo - t_lo) + (t_hi - t_hi)
+        x, y, z = most * s[X_MOST * LANES + lane], most * s[Y_MOST * LANES + lane], s[Z_LEAST * LANES + lane]
+        z_lo, z_hi = least4(t_lo, t_hi, t_lo * z, t_hi * z), most4(t_lo, t_hi, t_lo * z, t_hi * z)
+        (m0, h0), (m1, h1) = _grow_axis(s, 0, most, -x, x, lane), _grow_axis(s, 1, most, -y, y, lane)
+        m2, h2 = _grow_axis(s, 2, most, z_lo, z_hi, lane)
         for c in range(3):
-            center[c] += middle * axis[c]
-            bounds.axes[p, r, c] = half * axis[c]
-            bounds.cone_axis[p, c] = axis[c] if cosine > -1.0 else 0.0
-    bounds.cone_cos[p] = cosine
-    project_box(p, matrix, viewport, bounds)
+            a, b = s[(AXES + c) * LANES + lane], s[(AXES + 3 + c) * LANES + lane]
+            d = s[(AXES + 6 + c) * LANES + lane]
+            s[(CENTER + c) * LANES + lane] = m0 * a + m1 * b + m2 * d
+            s[(HALF + c) * LANES + lane], s[(HALF + 3 + c) * LANES + lane] = h0 * a, h1 * b
+            s[(HALF + 6 + c) * LANES + lane] = h2 * d
+
+
+@kernel
+def _grow_boxes(boxes, ranges, normals, s, bounds):
+    n = len(bounds.center)
+    for first in range(0, n, LANES):
+        for k in range(KEPT):
+            load_row(s, k, boxes[k], first)
+        for k in range(2):
+            load_row(s, T_LO + k, ranges[k], first)
+        for k in range(4):
+            if normals.shape[1] > 0:
+                load_row(s, X_MOST + k, normals[k], first)
+            else:
+                for lane in range(LANES):
+                    s[(X_MOST + k) * LANES + lane] = 1.0 if k < 2 else -1.0
+        _grow_block(s)
+        for lane in range(min(LANES, n - first)):
+            p = first + lane
+            cosine = s[CONE * LANES + lane]
+            bounds.cone_cos[p] = cosine
+            for c in range(3):
+                bounds.center[p, c] = s[(CENTER + c) * LANES + lane]
+                bounds.cone_axis[p, c] = s[(AXES + 6 + c) * LANES + lane] if cosine > -1.0 else 0.0
+                for r in range(3):
+                    bounds.axes[p, r, c] = s[(HALF + 3 * r + c) * LANES + lane]
+
+
+def bound_oriented(stage: HullInput, normal_bound: NormalBound | None) -> PatchBounds:
+    """Bound every patch over its domain. A weight <= 0 or a broken map gives a NaN box, which culls nothing.
+
+    normal_bound(stage, boxes of `fit_boxes`) gives rows float64[4, columns of boxes]: normals n in the frame have |n.x| <=
+    row 0, |n.y| <= row 1, n.z >= row 2; row 3 is the cosine of the half angle of their cone about z, -1 if not known. None:
+    nothing is known of them.
+    """
+    bounds = allocate(len(stage.patches.control_points))
+    boxes = fit_boxes(stage)
+    ranges = displacement_ranges(stage)
+    normals = np.empty((4, 0)) if normal_bound is None else normal_bound(stage, boxes)
+    _grow_boxes(boxes, ranges, normals, scratch(ROWS), bounds)
+    project_boxes(stage.clip_from_world, stage.viewport, bounds)
+    return bounds

@@ -9,12 +9,17 @@ Conservative for what the pipeline computes in float32 (u = 2^-24), all of it ev
 
 Division only where w is surely positive: a box that reaches behind the near plane z = 0 is first cut by it (12 edges;
 box of the corners in front and the crossing points). Where no positive w is certain the whole viewport is returned.
+
+Boxes are worked off in blocks, a lane each (`lanes`). Those that lie in front of the near plane with all corners take the
+lanes' results, the others the scalar `_project_one`; corners, slack and flags are the same bits either way, and the
+rectangle and z_min too but for quotients taken as products with reciprocals: 2^-50 relative, of 2^-24 that is left.
 """
 
 import numpy as np
 
-from pipeline.jit import helper
-from pipeline.types import PatchBounds
+from pipeline.bounds.lanes import LANES, least4, most4, scratch
+from pipeline.jit import helper, inlined, kernel
+from pipeline.types import F32, PatchBounds, Viewport
 
 U = 2.0**-24
 SLACK = 6.0 * U
@@ -34,26 +39,6 @@ def allocate(n: int) -> PatchBounds:
         cone_axis=np.zeros((n, 3)),
         cone_cos=np.empty(n),
     )
-
-
-@helper
-def _transform_corners(p, matrix, bounds):
-    """Clip-space corners and slack of box p. Corner k: bit r of k gives the sign of axis r."""
-    center, axes = bounds.center[p], bounds.axes[p]
-    for row in range(4):
-        m0, m1, m2, m3 = matrix[row, 0], matrix[row, 1], matrix[row, 2], matrix[row, 3]
-        middle = m0 * center[0] + m1 * center[1] + m2 * center[2] + m3
-        reach0 = m0 * axes[0, 0] + m1 * axes[0, 1] + m2 * axes[0, 2]
-        reach1 = m0 * axes[1, 0] + m1 * axes[1, 1] + m2 * axes[1, 2]
-        reach2 = m0 * axes[2, 0] + m1 * axes[2, 1] + m2 * axes[2, 2]
-        for k in range(8):
-            sum0 = middle + reach0 if k & 1 else middle - reach0
-            sum1 = sum0 + reach1 if k & 2 else sum0 - reach1
-            bounds.corners[p, k, row] = sum1 + reach2 if k & 4 else sum1 - reach2
-        extent0 = abs(center[0]) + abs(axes[0, 0]) + abs(axes[1, 0]) + abs(axes[2, 0])
-        extent1 = abs(center[1]) + abs(axes[0, 1]) + abs(axes[1, 1]) + abs(axes[2, 1])
-        extent2 = abs(center[2]) + abs(axes[0, 2]) + abs(axes[1, 2]) + abs(axes[2, 2])
-        bounds.slack[p, row] = SLACK * (abs(m0) * extent0 + abs(m1) * extent1 + abs(m2) * extent2 + abs(m3))
 
 
 @helper
@@ -119,20 +104,35 @@ def _project(p, near_offset, bounds):
     return state, x_lo, x_hi, y_lo, y_hi, z_lo
 
 
-@helper
+@inlined
 def _pixels(lo, hi, size, offset):
-    """Pixels [first, last + 1) that samples of window range lo .. hi (NDC, growing with the pixel) may lie in."""
+    """Pixels [first, last + 1) that samples of window range lo .. hi (NDC, growing with the pixel) may lie in; floats."""
     a, b = (lo + 1.0) * 0.5 * size + offset, (hi + 1.0) * 0.5 * size + offset
     pad = 5.0 * U * (max(abs(a), abs(b)) + size + abs(offset)) + SNAP
-    first = min(max(np.floor(a - pad), np.float64(offset)), np.float64(offset + size))
-    last = min(max(np.ceil(b + pad), np.float64(offset)), np.float64(offset + size))
-    return np.int32(first), np.int32(max(first, last))
+    first = min(max(np.floor(a - pad), offset), offset + size)
+    last = min(max(np.ceil(b + pad), offset), offset + size)
+    return first, max(first, last)
+
+
+@inlined
+def _least_depth(z_lo, viewport):
+    """z_min, float32, of a box whose least z/w is z_lo."""
+    depth = viewport.min_depth + z_lo * (viewport.max_depth - viewport.min_depth)
+    depth -= 4.0 * U * (abs(z_lo) + viewport.min_depth)
+    return _float32_below(min(max(depth, viewport.min_depth), viewport.max_depth))
+
+
+@inlined
+def _set_rect(rect, x0, y0, x1, y1):
+    """Rectangle, all of it empty where one side is."""
+    rect[0], rect[1], rect[2], rect[3] = np.int32(x0), np.int32(y0), np.int32(x1), np.int32(y1)
+    if rect[0] == rect[2] or rect[1] == rect[3]:
+        rect[2], rect[3] = rect[0], rect[1]
 
 
 @helper
-def project_box(p, matrix, viewport, bounds):
-    """Fill corners, slack, rect, z_min and inside of box p from its center and axes."""
-    _transform_corners(p, matrix, bounds)
+def _project_one(p, viewport, bounds):
+    """Fill rect, z_min and inside of box p, wherever it lies, from its corners and slack."""
     bounds.inside[p] = 1 if _all_inside(p, bounds) else 0
     state, x_lo, x_hi, y_lo, y_hi, z_lo = _project(p, 2.0 * bounds.slack[p, 2], bounds)
     rect = bounds.rect[p]
@@ -143,16 +143,171 @@ def project_box(p, matrix, viewport, bounds):
         rect[2], rect[3] = rect[0], rect[1]
         bounds.z_min[p] = viewport.max_depth
     elif state == 1:
-        rect[0], rect[2] = _pixels(x_lo, x_hi, viewport.width, viewport.left)
-        rect[1], rect[3] = _pixels(-y_hi, -y_lo, viewport.height, viewport.top)
-        if rect[0] == rect[2] or rect[1] == rect[3]:
-            rect[2], rect[3] = rect[0], rect[1]
-        depth = viewport.min_depth + z_lo * (viewport.max_depth - viewport.min_depth)
-        depth -= 4.0 * U * (abs(z_lo) + viewport.min_depth)
-        bounds.z_min[p] = _float32_below(min(max(depth, viewport.min_depth), viewport.max_depth))
+        width, height = np.float64(viewport.width), np.float64(viewport.height)
+        x0, x1 = _pixels(x_lo, x_hi, width, np.float64(viewport.left))
+        y0, y1 = _pixels(-y_hi, -y_lo, height, np.float64(viewport.top))
+        _set_rect(rect, x0, y0, x1, y1)
+        bounds.z_min[p] = _least_depth(z_lo, viewport)
+
+
+# Blocks. Rows of the scratch array: center (3) and axes (9, row 3 r + c of axis r), corners (8 for each of x, y, z, w),
+# slack (4), 1 / (w - slack) and 1 / (w + slack) (8 each), quotients (8 each), pixels, flags, their ranges (3 each), and what
+# the functions of `_classify` are at least.
+
+CENTER, AXES, CORNERS, SLACKS, NEAR, FAR, LOWS, HIGHS = 0, 3, 12, 44, 48, 56, 64, 72
+X0, X1, Y0, Y1, FRONT, INSIDE, LOW, HIGH, BOUND, LEAST = 80, 81, 82, 83, 84, 85, 86, 89, 92, 93
+ROWS = 100
+ROW = LANES  # from a row to the next
 
 
 @helper
+def _load_boxes(first, n, center, axes, s):
+    for lane in range(LANES):
+        p = min(first + lane, n - 1)
+        for c in range(3):
+            s[(CENTER + c) * LANES + lane] = center[p, c]
+            for r in range(3):
+                s[(AXES + 3 * r + c) * LANES + lane] = axes[p, r, c]
+
+
+@helper
+def _transform(matrix, row, s):
+    """Clip-space coordinate `row` of all corners, and its slack. Corner k: bit r of k gives the sign of axis r.
+
+    Row BOUND: sum of what bounds them, which is finite if they all are.
+    """
+    m0, m1, m2 = np.float64(matrix[row, 0]), np.float64(matrix[row, 1]), np.float64(matrix[row, 2])
+    m3 = np.float64(matrix[row, 3])
+    size0, size1, size2, size3 = abs(m0), abs(m1), abs(m2), abs(m3)
+    for lane in range(LANES):
+        i, out = CENTER * LANES + lane, (CORNERS + 8 * row) * LANES + lane
+        cx, cy, cz, px, py, pz = s[i], s[i + ROW], s[i + 2 * ROW], s[i + 3 * ROW], s[i + 4 * ROW], s[i + 5 * ROW]
+        qx, qy, qz, rx, ry, rz = (
+            s[i + 6 * ROW], s[i + 7 * ROW], s[i + 8 * ROW], s[i + 9 * ROW], s[i + 10 * ROW], s[i + 11 * ROW]
+        )  # fmt: skip
+        middle = m0 * cx + m1 * cy + m2 * cz + m3
+        reach0, reach1 = m0 * px + m1 * py + m2 * pz, m0 * qx + m1 * qy + m2 * qz
+        reach2 = m0 * rx + m1 * ry + m2 * rz
+        a, b = middle - reach0, middle + reach0
+        c, d, e, f = a - reach1, b - reach1, a + reach1, b + reach1
+        s[out], s[out + ROW], s[out + 2 * ROW], s[out + 3 * ROW] = c - reach2, d - reach2, e - reach2, f - reach2
+        s[out + 4 * ROW], s[out + 5 * ROW] = c + reach2, d + reach2
+        s[out + 6 * ROW], s[out + 7 * ROW] = e + reach2, f + reach2
+        x, y, z = abs(cx) + abs(px) + abs(qx) + abs(rx), abs(cy) + abs(py) + abs(qy) + abs(ry), abs(cz) + abs(pz)
+        terms = size0 * x + size1 * y + size2 * (z + abs(qz) + abs(rz))
+        s[(SLACKS + row) * LANES + lane] = SLACK * (terms + size3)
+        s[BOUND * LANES + lane] += abs(middle) + abs(reach0) + abs(reach1) + abs(reach2)
+
+
+# Of w and the coordinate `row`: w + x, w - x, w + y, w - y, w - z, z, w.
+FUNCTIONS = ((0, 1.0, 1.0), (0, 1.0, -1.0), (1, 1.0, 1.0), (1, 1.0, -1.0), (2, 1.0, -1.0), (2, 0.0, 1.0), (2, 1.0, 0.0))
+
+
+@helper
+def _classify(s):
+    """Row FRONT: 1 where all corners are finite, before the near plane, with a w that is surely positive. Row INSIDE."""
+    for which in range(7):
+        row, of_w, of_row = FUNCTIONS[which]
+        for lane in range(LANES):
+            i, j = (CORNERS + 8 * row) * LANES + lane, (CORNERS + 24) * LANES + lane
+            a, b = of_w * s[j] + of_row * s[i], of_w * s[j + ROW] + of_row * s[i + ROW]
+            c, d = of_w * s[j + 2 * ROW] + of_row * s[i + 2 * ROW], of_w * s[j + 3 * ROW] + of_row * s[i + 3 * ROW]
+            e, f = of_w * s[j + 4 * ROW] + of_row * s[i + 4 * ROW], of_w * s[j + 5 * ROW] + of_row * s[i + 5 * ROW]
+            g, h = of_w * s[j + 6 * ROW] + of_row * s[i + 6 * ROW], of_w * s[j + 7 * ROW] + of_row * s[i + 7 * ROW]
+            s[(LEAST + which) * LANES + lane] = min(min(min(a, b), min(c, d)), min(min(e, f), min(g, h)))
+    for lane in range(LANES):
+        i, j = LEAST * LANES + lane, SLACKS * LANES + lane
+        sx, sy, sz, sw = s[j], s[j + ROW], s[j + 2 * ROW], s[j + 3 * ROW]
+        near, w = s[i + 5 * ROW], s[i + 6 * ROW]
+        front = (s[BOUND * LANES + lane] < np.inf) & (near >= -(2.0 * sz)) & (w > 2.0 * sw)
+        inside = (s[i] > sw + sx) & (s[i + ROW] > sw + sx) & (s[i + 2 * ROW] > sw + sy) & (s[i + 3 * ROW] > sw + sy)
+        inside = inside & (near > sz) & (s[i + 4 * ROW] > sw + sz)
+        s[FRONT * LANES + lane] = 1.0 if front else 0.0
+        s[INSIDE * LANES + lane] = 1.0 if inside else 0.0
+
+
+@helper
+def _find_ratios(s):
+    """Rows LOW and HIGH: ranges of x/w, y/w and z/w over the corners, slack included."""
+    for k in range(8):
+        for lane in range(LANES):
+            w, slack = s[(CORNERS + 24 + k) * LANES + lane], s[(SLACKS + 3) * LANES + lane]
+            near, far = w - slack, w + slack
+            inverse = 1.0 / (near * far)
+            s[(NEAR + k) * LANES + lane], s[(FAR + k) * LANES + lane] = far * inverse, near * inverse
+    for row in range(3):
+        for k in range(8):
+            for lane in range(LANES):
+                a, slack = s[(CORNERS + 8 * row + k) * LANES + lane], s[(SLACKS + row) * LANES + lane]
+                near, far = s[(NEAR + k) * LANES + lane], s[(FAR + k) * LANES + lane]
+                lo, hi = a - slack, a + slack
+                s[(LOWS + k) * LANES + lane] = min(lo * near, lo * far)
+                s[(HIGHS + k) * LANES + lane] = max(hi * near, hi * far)
+        for lane in range(LANES):
+            i, j = LOWS * LANES + lane, HIGHS * LANES + lane
+            a, b = least4(s[i], s[i + ROW], s[i + 2 * ROW], s[i + 3 * ROW]), least4(
+                s[i + 4 * ROW], s[i + 5 * ROW], s[i + 6 * ROW], s[i + 7 * ROW]
+            )  # fmt: skip
+            c, d = most4(s[j], s[j + ROW], s[j + 2 * ROW], s[j + 3 * ROW]), most4(
+                s[j + 4 * ROW], s[j + 5 * ROW], s[j + 6 * ROW], s[j + 7 * ROW]
+            )  # fmt: skip
+            s[(LOW + row) * LANES + lane], s[(HIGH + row) * LANES + lane] = min(a, b), max(c, d)
+
+
+@helper
+def _find_pixels(viewport, s):
+    """Rows X0, X1, Y0, Y1 from LOW and HIGH."""
+    for axis in range(2):
+        size = np.float64(viewport.width if axis == 0 else viewport.height)
+        offset = np.float64(viewport.left if axis == 0 else viewport.top)
+        for lane in range(LANES):
+            lo, hi = s[(LOW + axis) * LANES + lane], s[(HIGH + axis) * LANES + lane]
+            a, b = (lo, hi) if axis == 0 else (-hi, -lo)
+            s[(X0 + 2 * axis) * LANES + lane], s[(X0 + 2 * axis + 1) * LANES + lane] = _pixels(a, b, size, offset)
+
+
+@helper
+def _store(p, lane, viewport, s, bounds):
+    for row in range(4):
+        for k in range(8):
+            bounds.corners[p, k, row] = s[(CORNERS + 8 * row + k) * LANES + lane]
+        bounds.slack[p, row] = s[(SLACKS + row) * LANES + lane]
+    if s[FRONT * LANES + lane] == 0.0:
+        _project_one(p, viewport, bounds)
+        return
+    bounds.inside[p] = np.uint8(s[INSIDE * LANES + lane])
+    x0, x1, y0, y1 = s[X0 * LANES + lane], s[X1 * LANES + lane], s[Y0 * LANES + lane], s[Y1 * LANES + lane]
+    if x0 <= x1 and y0 <= y1:
+        _set_rect(bounds.rect[p], x0, y0, x1, y1)
+        bounds.z_min[p] = _least_depth(s[(LOW + 2) * LANES + lane], viewport)
+    else:
+        _project_one(p, viewport, bounds)
+
+
+@kernel
+def _project_boxes(matrix, viewport, s, bounds):
+    n = len(bounds.center)
+    for first in range(0, n, LANES):
+        _load_boxes(first, n, bounds.center, bounds.axes, s)
+        for lane in range(LANES):
+            s[BOUND * LANES + lane] = 0.0
+        _transform(matrix, 0, s)
+        _transform(matrix, 1, s)
+        _transform(matrix, 2, s)
+        _transform(matrix, 3, s)
+        _classify(s)
+        _find_ratios(s)
+        _find_pixels(viewport, s)
+        for lane in range(min(LANES, n - first)):
+            _store(first + lane, lane, viewport, s, bounds)
+
+
+def project_boxes(matrix: F32, viewport: Viewport, bounds: PatchBounds) -> None:
+    """Fill corners, slack, rect, z_min and inside of all boxes from their centers and axes. matrix : float32[4, 4]."""
+    _project_boxes(matrix, viewport, scratch(ROWS), bounds)
+
+
+@inlined
 def _float32_below(a):
     """A float32 not above `a`, for a in [0, 1]."""
     return np.float32(max(a * (1.0 - 2.0 * U) - 2.0**-149, 0.0))

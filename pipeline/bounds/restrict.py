@@ -10,19 +10,19 @@ max|X/w|. Equal control points give that point, bit for bit where t has at most 
 
 import numpy as np
 
-from pipeline.jit import helper
+from pipeline.jit import helper, inlined
 from pipeline.minmax import displacement_range
 
 U = 2.0**-24
 FAR = 2.0**29  # texels; the shader reads texel (0, 0) from twice as far on
 
 
-@helper
+@inlined
 def _mix(p, q, t):
     return (1.0 - t) * p + t * q
 
 
-@helper
+@inlined
 def cut_quadratic(p0, p1, p2, a, b):
     """Control values on [a, b] of a quadratic Bezier curve: its blossoms at (a,a), (a,b), (b,b)."""
     a0, a1 = _mix(p0, p1, a), _mix(p1, p2, a)
@@ -30,7 +30,7 @@ def cut_quadratic(p0, p1, p2, a, b):
     return _mix(a0, a1, a), _mix(a0, a1, b), _mix(b0, b1, b)
 
 
-@helper
+@inlined
 def cut_cubic(p0, p1, p2, p3, a, b):
     """Control values on [a, b] of a cubic Bezier curve: its blossoms at (a,a,a), (a,a,b), (a,b,b), (b,b,b)."""
     a0, a1, a2 = _mix(p0, p1, a), _mix(p1, p2, a), _mix(p2, p3, a)
@@ -116,16 +116,15 @@ def texcoord_rect(texcoords, u0, u1, v0, v1):
 
 
 @helper
-def domain_displacement(p, patches, maps, pyramids, u0, u1, v0, v1, exact):
-    """Range of the displacement of patch p over the domain, world units; (0, 0) without a map, NaN for a broken map.
+def domain_displacement(m, texcoords, maps, pyramids, u0, u1, v0, v1, exact):
+    """Range of the displacement by map m over the domain, world units; (0, 0) without a map, NaN for a broken map.
 
     exact : from each texel of the footprint, not from at most four of a pyramid's level for each piece of it.
     """
-    m = patches.map_id[p]
     if m < 0:
         return 0.0, 0.0
     lo, hi = pyramids.whole[m, 0], pyramids.whole[m, 1]
-    s0, s1, t0, t1 = texcoord_rect(patches.texcoords[p], u0, u1, v0, v1)
+    s0, s1, t0, t1 = texcoord_rect(texcoords, u0, u1, v0, v1)
     width, height = np.float64(pyramids.size[m, 0, 0]), np.float64(pyramids.size[m, 0, 1])
     near = max(abs(s0), abs(s1)) * width < FAR and max(abs(t0), abs(t1)) * height < FAR
     if not (near and lo > -np.inf and hi < np.inf):

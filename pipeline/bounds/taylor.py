@@ -20,6 +20,9 @@ Why it holds for what float32 computes (u = 2^-24); terms of second order are co
 - a vector n off by e changes direction by at most asin(e / |n|), and its unit by at most sqrt 2 e / |n|; making it unit
   rounds by 4 u. Where e >= |n| is possible the unit box stands.
 
+Patches with tangent patches (ACC) have n from those, nets of the same degrees; Gregory patches get the unit box. The normal
+cone is that of `npatch`; the models give none.
+
 float64 rounding is carried along by the models (2^-46 of their coefficients); that of the control points over the domain
 and in the frame, 2^-48 of the largest, is below the u that the constants leave.
 """
@@ -30,8 +33,11 @@ import numpy as np
 
 from pipeline.bounds import taylor_model as model
 from pipeline.bounds.cbox import position_errors
-from pipeline.bounds.oriented import begin
-from pipeline.bounds.project import allocate, project_box
+from pipeline.bounds.fit import AXES, FLOAT64, HI, LO, fit_boxes
+from pipeline.bounds.lookup import displacement_ranges
+from pipeline.bounds.normals import NPATCH, bound_normals
+from pipeline.bounds.project import allocate, project_boxes
+from pipeline.bounds.restrict import project_net, restrict_patch
 from pipeline.jit import helper, kernel
 from pipeline.types import F64, U8, HullInput, PatchBounds
 
@@ -43,7 +49,7 @@ class Work(NamedTuple):
     """Scratch arrays of one thread."""
 
     points: F64  # (4, 4, 4) control points over the domain, the first three projected
-    axes: F64  # (3, 3) rows: the oriented box's frame
+    axes: F64  # (3, 3) rows: the oriented box's frame, of `fit`
     net: F64  # (3, 4, 4) the same points in the frame
     steps_u: F64  # (3, 3, 4) their differences along u, over the longest
     steps_v: F64  # (3, 4, 3)
@@ -139,24 +145,45 @@ def _rotate(work):
 
 
 @helper
-def _rotate_step(p, q, axes, steps, i, j):
-    """Difference q - p of two control points in the frame to steps[:, i, j]; returns the square of its length."""
-    x, y, z = np.float64(q[0]) - p[0], np.float64(q[1]) - p[1], np.float64(q[2]) - p[2]
+def _rotate_step(x, y, z, axes, steps, i, j):
+    """Vector (x, y, z) in the frame to steps[:, i, j]; returns the square of its length."""
     for r in range(3):
         steps[r, i, j] = axes[r, 0] * x + axes[r, 1] * y + axes[r, 2] * z
     return x * x + y * y + z * z
 
 
 @helper
-def _rotate_steps(cp, work):
-    """Differences of all control points in the frame, divided by the longest along u and along v, which are returned."""
+def _difference(p, q):
+    return np.float64(q[0]) - p[0], np.float64(q[1]) - p[1], np.float64(q[2]) - p[2]
+
+
+@helper
+def _rotate_steps(cp, acc, tangent_u, tangent_v, work):
+    """Control vectors of the tangents in the frame, divided by the longest along u and along v, which are returned.
+
+    Differences of all control points, or (acc >= 0) the tangent patches of that row.
+    """
     square_u = square_v = 0.0
     for i in range(4):
         for j in range(4):
             if i < 3:
-                square_u = max(square_u, _rotate_step(cp[i, j], cp[i + 1, j], work.axes, work.steps_u, i, j))
+                x, y, z = _difference(cp[i, j], cp[i + 1, j])
+                if acc >= 0:
+                    x, y, z = (
+                        np.float64(tangent_u[acc, i, j, 0]),
+                        np.float64(tangent_u[acc, i, j, 1]),
+                        np.float64(tangent_u[acc, i, j, 2]),
+                    )
+                square_u = max(square_u, _rotate_step(x, y, z, work.axes, work.steps_u, i, j))
             if j < 3:
-                square_v = max(square_v, _rotate_step(cp[i, j], cp[i, j + 1], work.axes, work.steps_v, i, j))
+                x, y, z = _difference(cp[i, j], cp[i, j + 1])
+                if acc >= 0:
+                    x, y, z = (
+                        np.float64(tangent_v[acc, i, j, 0]),
+                        np.float64(tangent_v[acc, i, j, 1]),
+                        np.float64(tangent_v[acc, i, j, 2]),
+                    )
+                square_v = max(square_v, _rotate_step(x, y, z, work.axes, work.steps_v, i, j))
     longest_u, longest_v = np.sqrt(square_u), np.sqrt(square_v)
     for r in range(3):
         for i in range(4):
@@ -256,24 +283,31 @@ def _set_axis(p, r, lo, hi, axis, bounds):
 
 
 @helper
-def _bound(p, patches, maps, pyramids, domain, clamped, work, bounds):
+def _bound(p, patches, domain, boxes, reach, normals, clamped, work, bounds):
     """Box of patch p; returns whether its normals have a model; also False where none is needed."""
     cp, rational = patches.control_points[p], patches.rational[p] != 0
     u0, u1, v0, v1 = domain[p]
-    (t_lo, t_hi), _ = begin(p, patches, maps, pyramids, domain, work)
-    t_most = max(abs(t_lo), abs(t_hi))
+    t_lo, t_hi = reach[0, p], reach[1, p]
+    t_most = max(abs(t_lo), abs(t_hi)) + (t_lo - t_lo) + (t_hi - t_hi)
+    restrict_patch(cp, u0, u1, v0, v1, work.points)
+    if rational:
+        project_net(work.points)
+    for r in range(3):
+        for c in range(3):
+            work.axes[r, c] = boxes[AXES + 3 * r + c, p]
     size = _rotate(work)
     valid, n_error = False, 0.0
     # A displacement that is nothing beside the rounding of positions needs no normals.
-    if not rational and t_most > 2.0**-60 * size:
-        longest_u, longest_v = _rotate_steps(cp, work)
+    if not rational and patches.gregory_id[p] < 0 and t_most > 2.0**-60 * size:
+        longest_u, longest_v = _rotate_steps(cp, patches.tangent_id[p], patches.tangent_u, patches.tangent_v, work)
         valid, n_error = _unit_normal_model(u0, u1, v0, v1, longest_u, longest_v, work)
     errors = position_errors(cp, patches.rational[p])
-    bounds.cone_cos[p] = -1.0
     for r in range(3):
         axis = work.axes[r]
-        if rational:
-            span = _net_range(work.net[r])
+        fitted = boxes[LO + r, p], boxes[HI + r, p]
+        pad = abs(axis[0]) * errors[0] + abs(axis[1]) * errors[1] + abs(axis[2]) * errors[2] + FLOAT64 * size
+        if rational or patches.gregory_id[p] >= 0:
+            span, pad = fitted, 0.0
         else:
             _polynomial_into(work.net[r], _cubic_powers(0.0, 1.0), _cubic_powers(0.0, 1.0), work.position)
             span = model.range_of(work.position, work.half)
@@ -282,27 +316,30 @@ def _bound(p, patches, maps, pyramids, domain, clamped, work, bounds):
             span = _displaced_range(work.position, span, work.normal[r], rest, n_error, t_lo, t_hi, clamped, work)
         else:
             span = span[0] - t_most, span[1] + t_most
-        pad = abs(axis[0]) * errors[0] + abs(axis[1]) * errors[1] + abs(axis[2]) * errors[2]
         pad += 8.0 * U * t_most + (2.0 * U * size if t_most > 0.0 else 0.0)
+        pad += (fitted[0] - fitted[0]) + (fitted[1] - fitted[1])  # NaN where there is no bound
         _set_axis(p, r, span[0] - pad, span[1] + pad, axis, bounds)
+    cosine = normals[3, p]
+    bounds.cone_cos[p] = cosine
+    for c in range(3):
+        bounds.cone_axis[p, c] = work.axes[2, c] if cosine > -1.0 else 0.0
     return valid
 
 
 @kernel
-def _bound_patches(patches, maps, pyramids, domain, matrix, viewport, clamped, work, bounds, valid):
+def _bound_patches(patches, domain, boxes, reach, normals, clamped, work, bounds, valid):
     for p in range(len(patches.control_points)):
-        valid[p] = 1 if _bound(p, patches, maps, pyramids, domain, clamped, work, bounds) else 0
-        project_box(p, matrix, viewport, bounds)
+        valid[p] = 1 if _bound(p, patches, domain, boxes, reach, normals, clamped, work, bounds) else 0
 
 
 def bound_and_validity(stage: HullInput, clamped: bool) -> tuple[PatchBounds, U8]:
     """Bounds, and for each patch 1 where its normals have a model; 0 where they have none or none was needed."""
     n = len(stage.patches.control_points)
     bounds, valid = allocate(n), np.empty(n, np.uint8)
-    _bound_patches(
-        stage.patches, stage.maps, stage.pyramids, stage.domain, stage.clip_from_world, stage.viewport, clamped,
-        allocate_work(), bounds, valid,
-    )  # fmt: skip
+    boxes, reach = fit_boxes(stage), displacement_ranges(stage)
+    normals = bound_normals(stage, boxes, NPATCH)
+    _bound_patches(stage.patches, stage.domain, boxes, reach, normals, clamped, allocate_work(), bounds, valid)
+    project_boxes(stage.clip_from_world, stage.viewport, bounds)
     return bounds, valid
 
 

@@ -281,7 +281,7 @@ def bound_part(p, patches, maps, pyramids, along_s, along_t, eye, eye_error, u0,
     tame = min(long_a, long_b) > SHORTEST and size < 1.0 / SHORTEST
     if not (tame and cosine > 0.01 and least > 1e6 * rounding):
         return _nothing()
-    t0, t1 = domain_displacement(p, patches, maps, pyramids, u0, u1, v0, v1, False)
+    t0, t1 = domain_displacement(patches.map_id[p], patches.texcoords[p], maps, pyramids, u0, u1, v0, v1, False)
     t_u, t_v, off = displacement_slopes(p, patches, maps, along_s, along_t, u0, u1, v0, v1)
     t = (t0, t1)
     farthest = max(abs(t0), abs(t1))

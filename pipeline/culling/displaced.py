@@ -84,7 +84,7 @@ def faces_one_way(p, patches, maps, pyramids, along_s, along_t, view, steps, poi
     reach_u = reach_v = 0.0
     if len(steps) > 0:
         reach_u, reach_v = max(steps[H] + steps[G], steps[8 + K]), max(steps[8 + H] + steps[8 + G], steps[K])
-        t0, t1 = domain_displacement(p, patches, maps, pyramids, 0.0, 1.0, 0.0, 1.0, False)
+        t0, t1 = domain_displacement(patches.map_id[p], patches.texcoords[p], maps, pyramids, 0.0, 1.0, 0.0, 1.0, False)
         screen = screen_of(points, origin, max(abs(t0), abs(t1)), view)
         if not (reach_u + reach_v < np.inf and t0 <= t1 and screen.whole):
             return 0

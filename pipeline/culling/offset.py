@@ -78,7 +78,9 @@ def _measure(patches, maps, pyramids, numbers, known, t):
         s0, s1, t0, t1 = texcoord_rect(patches.texcoords[p], 0.0, 1.0, 0.0, 1.0)
         lo, hi = texel_range(maps, pyramids, patches.map_id[p], s0, s1, t0, t1, False)
         if lo == hi:
-            low, high = domain_displacement(p, patches, maps, pyramids, 0.0, 1.0, 0.0, 1.0, False)
+            low, high = domain_displacement(
+                patches.map_id[p], patches.texcoords[p], maps, pyramids, 0.0, 1.0, 0.0, 1.0, False
+            )
             most = max(abs(low), abs(high))
             if low <= high and most < np.inf and is_regular_offset(patches.control_points[p], most, points, work):
                 known[k], t[k, 0], t[k, 1] = True, low, high

@@ -93,7 +93,7 @@ def drawing_of(scene: Scene, frame: float = 0) -> Drawing:
     if wrong:
         raise TilerError("\n".join(f"peer: scene {scene.name!r}: {line}" for line in wrong))
     camera = camera_at(scene.camera, frame, picture.width / picture.height)
-    patches = front_end.run_vertex_shader(scene)
+    patches = front_end.run_vertex_shader(scene, frame)
     vertices = np.zeros((scene.num_patches, 16, 6), np.float32)
     vertices[..., :4] = patches.control_points.reshape(-1, 16, 4)
     vertices[:, :4, 4:] = patches.texcoords

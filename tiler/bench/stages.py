@@ -90,7 +90,7 @@ def hull_stage(scene: Scene) -> HullInput:
     """What bounds and cull tests see of a scene's first frame."""
     viewport = Viewport(0, 0, scene.picture.width, scene.picture.height, 0.0, 1.0)
     camera = camera_at(scene.camera, 0, viewport.width / viewport.height)
-    patches = front_end.run_vertex_shader(scene)
+    patches = front_end.run_vertex_shader(scene, 0)
     factors = front_end.tess_factors(scene.tessellation, patches, camera, viewport)
     return front_end.hull_input(scene, patches, front_end.scene_maps(scene), factors, camera, viewport)
 
