@@ -35,7 +35,7 @@ MACHINES = [
 CZ = ("frustum", "occlusion")
 CZ_ALL = ("occlusion", "occlusion:triangle", "occlusion:block")
 FULL_MACHINES = [
-    Machine(tile=8, cull=CZ, coarse_z_block=4, cores=3),
+    Machine(tile=16, cull=CZ, coarse_z_block=4, cores=3),
     Machine(tile=64, cull=CZ, coarse_z_block=4),
     Machine(tile=32, cull=CZ_ALL, coarse_z_block=4, queue_order="front_to_back", domain_cache="frame"),
     Machine(tile=16, cull=CZ_ALL, coarse_z_update="feed_forward", tile_walk="morton", domain_cache="lru:2", cores=2),

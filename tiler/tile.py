@@ -22,7 +22,7 @@ from pipeline.pixel import Shade
 from pipeline.primitives import NUM_OUTCOMES
 from pipeline.types import F32, I32, I64, U8
 from tiler.coarse_z import hidden_at, hides, propagate, recompute_block
-from tiler.rasterizer import rasterize, triangle_depths
+from tiler.rasterizer import WHOLE_LOG2, rasterize, triangle_depths
 from tiler.shading import shade_tile
 
 
@@ -216,76 +216,40 @@ def _merge(bx, by, lo, hi, covers, rules, coarse, counts):
 
 
 @helper
-def _draw_blocks(t, box, rect, rules, triangles, order, window, pattern, depth_range, target, coarse, counts):
-    """As `_draw_triangle`, block by block; the number of samples that passed."""
-    sample_x, sample_y, margin = pattern
-    log2, samples = coarse.block_log2, len(sample_x)
-    lo, hi = triangle_depths(triangles, window, t, depth_range)
-    all_passed = 0
-    for by in range(box[1] >> log2, (box[3] >> log2) + 1):
-        for bx in range(box[0] >> log2, (box[2] >> log2) + 1):
-            cell = by * coarse.width[0] + bx
-            if rules.blocks:
-                counts[_BLOCKS] += 1
-                if hides(coarse.farthest[cell], lo, rules.ties):
-                    counts[_BLOCKS_HIDDEN] += 1
-                    continue
-                counts[_BLOCKS_ACCEPTED] += hi < coarse.nearest[cell]
-            x0, y0 = bx << log2, by << log2
-            part = (x0, y0, min(x0 + (1 << log2) - 1, rect[2]), min(y0 + (1 << log2) - 1, rect[3]))
-            covered, passed, pixels, quads = rasterize(
-                t, part, triangles, window, sample_x, sample_y, margin, depth_range, target.depth, target.visible,
-                rules.ties, order, target.order,
-            )  # fmt: skip
-            if passed > 0:
-                whole = covered == (part[2] - part[0] + 1) * (part[3] - part[1] + 1) * samples
-                _merge(bx, by, lo, hi, whole, rules, coarse, counts)
-            counts[_COVERED] += covered
-            counts[_PASSED] += passed
-            counts[_PS] += pixels
-            counts[_HELPERS] += 4 * quads - pixels
-            all_passed += passed
-    return all_passed
+def _test_block(bx, by, lo, hi, rules, coarse, counts):
+    """Whether a triangle of depths lo..hi is hidden in block (bx, by)."""
+    cell = by * coarse.width[0] + bx
+    counts[_BLOCKS] += 1
+    hidden = hides(coarse.farthest[cell], lo, rules.ties)
+    counts[_BLOCKS_HIDDEN] += hidden
+    counts[_BLOCKS_ACCEPTED] += not hidden and hi < coarse.nearest[cell]
+    return hidden
 
 
 @helper
-def _draw_triangle(
-    t, entry, rect, rules, triangles, order, window, pattern, depth_range, target, coarse, touched, counts
-):  # fmt: skip
-    """Test triangle t against coarse Z if the machine does, and rasterize it in the tile."""
-    box = (
-        max(np.int64(triangles.box[t, 0]), rect[0]),
-        max(np.int64(triangles.box[t, 1]), rect[1]),
-        min(np.int64(triangles.box[t, 2]), rect[2]),
-        min(np.int64(triangles.box[t, 3]), rect[3]),
-    )
-    if rules.triangles or (rules.pairs and not rules.by_unit):
-        hidden = _hidden(box, triangle_depths(triangles, window, t, depth_range)[0], rules, coarse, counts)
-        if rules.by_unit:
-            counts[_TESTED] += 1
-            counts[_HIDDEN] += hidden
-        else:
-            counts[_PAIRS] += 1
-            counts[_PAIRS_HIDDEN] += hidden
-        if hidden:
-            return
-    counts[_TRIANGLES] += 1
-    if rules.blocks or rules.update == FEED_FORWARD:
-        passed = _draw_blocks(
-            t, box, rect, rules, triangles, order, window, pattern, depth_range, target, coarse, counts
-        )  # fmt: skip
-    else:
-        sample_x, sample_y, margin = pattern
-        covered, passed, pixels, quads = rasterize(
-            t, rect, triangles, window, sample_x, sample_y, margin, depth_range, target.depth, target.visible, rules.ties,
-            order, target.order,
-        )  # fmt: skip
-        counts[_COVERED] += covered
-        counts[_PASSED] += passed
-        counts[_PS] += pixels
-        counts[_HELPERS] += 4 * quads - pixels
-    if passed > 0 and rules.update == RECOMPUTE:
-        _touch(box, rect, entry, coarse, touched)
+def _triangle_hidden(box, lo, rules, coarse, counts):
+    """Test a triangle, or a queue entry that is one."""
+    hidden = _hidden(box, lo, rules, coarse, counts)
+    counts[_TESTED if rules.by_unit else _PAIRS] += 1
+    counts[_HIDDEN if rules.by_unit else _PAIRS_HIDDEN] += hidden
+    return hidden
+
+
+@helper
+def _begin_unit(k, q, rect, rules, work, triangles, coarse, outcome, counts):
+    """Test unit k against coarse Z; whether it is hidden. If it is not, count what the tile does for it."""
+    if rules.pairs:
+        r = work.rect[k]
+        box = (max(r[0], rect[0]), max(r[1], rect[1]), min(r[2] - 1, rect[2]), min(r[3] - 1, rect[3]))
+        counts[_PAIRS] += 1
+        if _hidden(box, work.z_min[k], rules, coarse, counts):
+            counts[_PAIRS_HIDDEN] += 1
+            outcome[q] = 1
+            return True
+    for c in range(NUM_OUTCOMES):
+        counts[c] += work.outcomes[k, c]
+    counts[_OUTSIDE] += triangles.used[k]
+    return False
 
 
 @helper
@@ -293,39 +257,67 @@ def _work_off(
     tile, rect, rules, queue, triangle_queue, work, triangles, order, window, pattern, depth_range, target, coarse, rows,
     touched, outcome, counts,
 ):  # fmt: skip
-    """Work off the tile's queue in order. Of a unit those triangles are drawn that are binned to the tile."""
-    samples = target.depth.shape[2]
-    next_triangle, end = triangle_queue.first[tile], triangle_queue.first[tile + 1]
+    """Work off the tile's queue in order. Of a unit those triangles are drawn that are binned to the tile.
+
+    A triangle is rasterized block by block where blocks matter, else at once. All of it stands in one function: a call for
+    each triangle would count references to all of these arrays up and down, which takes as long as a small triangle.
+    """
+    sample_x, sample_y, margin = pattern
+    by_blocks = rules.blocks or rules.update == FEED_FORWARD
+    test_triangles = rules.triangles or (rules.pairs and not rules.by_unit)
+    tests = rules.pairs or test_triangles or rules.blocks or rules.update != KEEP  # coarse Z is in use
+    log2 = coarse.block_log2 if by_blocks else WHOLE_LOG2
+    place, end = triangle_queue.first[tile], triangle_queue.first[tile + 1]
     for q in range(queue.first[tile], queue.first[tile + 1]):
         counts[_ENTRIES] += 1
-        k = queue.item[q]
+        first, last = np.int64(queue.item[q]), np.int64(queue.item[q]) + 1
         if rules.by_unit:
-            while next_triangle < end and triangle_queue.item[next_triangle] < triangles.first[k]:
-                next_triangle += 1
-            if rules.pairs:
-                r = work.rect[k]
-                box = (max(r[0], rect[0]), max(r[1], rect[1]), min(r[2] - 1, rect[2]), min(r[3] - 1, rect[3]))
-                counts[_PAIRS] += 1
-                if _hidden(box, work.z_min[k], rules, coarse, counts):
-                    counts[_PAIRS_HIDDEN] += 1
-                    outcome[q] = 1
-                    continue
-            for c in range(NUM_OUTCOMES):
-                counts[c] += work.outcomes[k, c]
-            counts[_OUTSIDE] += triangles.used[k]
-            while next_triangle < end and triangle_queue.item[next_triangle] < triangles.first[k + 1]:
-                _draw_triangle(
-                    triangle_queue.item[next_triangle], q, rect, rules, triangles, order, window, pattern, depth_range,
-                    target, coarse, touched, counts,
-                )  # fmt: skip
-                next_triangle += 1
-                counts[_OUTSIDE] -= 1
-        else:
-            _draw_triangle(
-                k, q, rect, rules, triangles, order, window, pattern, depth_range, target, coarse, touched, counts
-            )  # fmt: skip
+            k = queue.item[q]
+            first, last = triangles.first[k], triangles.first[k + 1]
+            while place < end and triangle_queue.item[place] < first:
+                place += 1
+            if _begin_unit(k, q, rect, rules, work, triangles, coarse, outcome, counts):
+                continue
+        while place < end and triangle_queue.item[place] < last:
+            t = triangle_queue.item[place]
+            place += 1
+            counts[_OUTSIDE] -= rules.by_unit
+            x0, y0, x1, y1 = rect
+            lo = hi = np.float32(0.0)
+            if tests:
+                x0, y0 = max(np.int64(triangles.box[t, 0]), x0), max(np.int64(triangles.box[t, 1]), y0)
+                x1, y1 = min(np.int64(triangles.box[t, 2]), x1), min(np.int64(triangles.box[t, 3]), y1)
+                lo, hi = triangle_depths(triangles, window, t, depth_range)
+            if test_triangles and _triangle_hidden((x0, y0, x1, y1), lo, rules, coarse, counts):
+                continue
+            counts[_TRIANGLES] += 1
+            any_passed = 0
+            for by in range(y0 >> log2, (y1 >> log2) + 1):
+                for bx in range(x0 >> log2, (x1 >> log2) + 1):
+                    if rules.blocks and _test_block(bx, by, lo, hi, rules, coarse, counts):
+                        continue
+                    part = rect
+                    if by_blocks:
+                        part = (
+                            bx << log2, by << log2,
+                            min(((bx + 1) << log2) - 1, rect[2]), min(((by + 1) << log2) - 1, rect[3]),
+                        )  # fmt: skip
+                    covered, passed, pixels, quads = rasterize(
+                        t, part, triangles, window, sample_x, sample_y, margin, depth_range, target.depth, target.visible,
+                        rules.ties, order, target.order,
+                    )  # fmt: skip
+                    if by_blocks and passed > 0:
+                        whole = covered == (part[2] - part[0] + 1) * (part[3] - part[1] + 1) * len(sample_x)
+                        _merge(bx, by, lo, hi, whole, rules, coarse, counts)
+                    counts[_COVERED] += covered
+                    counts[_PASSED] += passed
+                    counts[_PS] += pixels
+                    counts[_HELPERS] += 4 * quads - pixels
+                    any_passed += passed
+            if any_passed > 0 and rules.update == RECOMPUTE:
+                _touch((x0, y0, x1, y1), rect, q, coarse, touched)
         if rules.update == RECOMPUTE:
-            _refresh(rect, coarse, rows, samples, touched, counts)
+            _refresh(rect, coarse, rows, target.depth.shape[2], touched, counts)
 
 
 @kernel
