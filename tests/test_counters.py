@@ -252,6 +252,7 @@ FULL = [
         tile=64, coarse_z_block=4, cull=("occlusion", "occlusion:triangle", "occlusion:block"), domain_cache="lru:90"
     ),
     Machine(binning="subpatch", tile=8, subpatch_extent=2.0, bounds="tpatch"),
+    Machine(binning="subpatch", tile=8, subpatch_extent=2.0, bounds="tpatch", cull=()),
     Machine(bounds="tpatch", cull=("frustum", "occlusion"), z_feedback="previous_frame", tile=8),
 ]
 
