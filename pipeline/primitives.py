@@ -266,12 +266,14 @@ def _assemble_patch(
         )
         a, b, c = window.code[ids[0]], window.code[ids[1]], window.code[ids[2]]
         outcomes[k, _C_IN] += 1
+        number = s - patterns.first_triangle[pattern]
         if (a | b | c) & NONFINITE:
             outcomes[k, _INVALID] += 1
         elif a & b & c & FRUSTUM:
             outcomes[k, _CLIPPED] += 1
         elif ((a | b | c) & NEEDS_CLIP) == 0:
             outcomes[k, _C_OUT] += 1
+            triangles.source[t] = number
             outcome = _set_up(ids, 7, patch, t, window, bounds, margin, face_cull, triangles)
             outcomes[k, outcome] += 1
             t += outcome == _SETUP
@@ -294,6 +296,7 @@ def _assemble_patch(
                 edges |= 2 if (i == n - 2 and scratch[n - 1, 7] > 0.0) else 0
                 edges |= 4 if (i == 1 and scratch[0, 7] > 0.0) else 0
                 outcomes[k, _C_OUT] += 1
+                triangles.source[t] = number
                 outcome = _set_up(fan, edges, patch, t, window, bounds, margin, face_cull, triangles)
                 outcomes[k, outcome] += 1
                 t += outcome == _SETUP

@@ -214,3 +214,4 @@ class Triangles(NamedTuple):
         U8  # (T,) bit i: the edge opposite vertex i is the tessellation's, not a cut of the clipper; bit 3: back face
     )
     patch: I32  # (T,) patch number
+    source: I32  # (T,) number within its pattern of the tessellated triangle that it is, or was cut from

@@ -192,6 +192,12 @@ class NaiveQueueMemory:
         self.appended += 1
         self.note_peak()
 
+    def drain(self) -> None:
+        """The tiles work off what is queued, though the pool is not full."""
+        if not self.fresh:
+            self.close_pass()
+            self.open_pass()
+
     def finish(self) -> None:
         self.close_pass()
 

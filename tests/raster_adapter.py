@@ -4,11 +4,14 @@ import numpy as np
 
 from pipeline import pixel, primitives
 from pipeline.types import DomainPoints, FaceCull, Patterns, Triangles, Viewport, Window
+from tiler.back_end import NO_ORDER, make_coarse_z, make_rules, touched_blocks
 from tiler.binning import bin_boxes
+from tiler.coarse_z import depth_rows
+from tiler.config import Machine
 from tiler.grid import make_grid
 from tiler.host import Host
 from tiler.rasterizer import MARGIN, SAMPLE_X, SAMPLE_Y
-from tiler.tile import NUM_TILE_COUNTS, PatchWork, Target, process_tiles
+from tiler.tile import NUM_TILE_COUNTS, Target, Work, process_tiles
 
 TILE = 32
 
@@ -42,7 +45,7 @@ def draw(positions: np.ndarray, width: int, height: int, samples: int) -> np.nda
     assert not (window.code & primitives.NEEDS_CLIP).any(), "the families stay inside the guard band"
     triangles = Triangles(
         np.arange(n + 1, dtype=np.int64), np.zeros(n, np.int32), np.zeros((n, 3), np.int32), np.zeros((n, 4), np.int16),
-        np.zeros(n, np.uint8), np.zeros(n, np.int32),
+        np.zeros(n, np.uint8), np.zeros(n, np.int32), np.zeros(n, np.int32),
     )  # fmt: skip
     outcomes = np.zeros((n, primitives.NUM_OUTCOMES), np.int64)
     primitives.assemble(
@@ -54,15 +57,19 @@ def draw(positions: np.ndarray, width: int, height: int, samples: int) -> np.nda
     shape = (height, width, samples)
     color = np.zeros((*shape, 4), np.uint8)
     target = Target(
-        np.empty(shape, np.float32), np.empty(shape, np.int32), color, np.zeros((height, width, 4), np.uint8)
-    )
+        np.empty(shape, np.float32), np.empty(shape, np.int32), color, np.zeros((height, width, 4), np.uint8),
+        np.empty((0, 0, 0), np.int64),
+    )  # fmt: skip
     with Host(1) as host:
         queue = bin_boxes(triangles.first, triangles.used, triangles.box, grid, host)
-    work = PatchWork(np.zeros(n, np.int64), np.zeros(n, np.int64), outcomes)
+    machine = Machine(tile=TILE, binning="triangle")
+    coarse = make_coarse_z(machine, grid)
+    work = Work(np.zeros((n, 4), np.int32), np.zeros(n, np.float32), outcomes)
     process_tiles(
-        0, grid.num_tiles, grid, False, queue, queue, live, work, triangles, window, points.normal,
+        0, grid.num_tiles, grid, make_rules(machine), queue, queue, work, triangles, NO_ORDER, window, points.normal,
         (SAMPLE_X[samples], SAMPLE_Y[samples], MARGIN[samples]), (np.float32(0), np.float32(1)), np.zeros(4, np.uint8), 0,
-        (0.0, 0.0, 1.0), True, True, target, np.zeros((grid.num_tiles, NUM_TILE_COUNTS), np.int64),
+        (0.0, 0.0, 1.0), True, True, target, coarse, depth_rows(target.depth), touched_blocks(coarse),
+        np.zeros(len(queue.item), np.uint8), np.zeros((grid.num_tiles, NUM_TILE_COUNTS), np.int64),
         np.empty(pixel.SCRATCH, np.float32),
     )  # fmt: skip
     return np.where(target.visible >= 0, triangles.patch[target.visible], -1)

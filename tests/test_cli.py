@@ -71,7 +71,9 @@ def test_json_to_a_file_keeps_the_table(tmp_path: Path) -> None:
 def test_compare_puts_the_baseline_first(tmp_path: Path) -> None:
     done = tiler("compare", "teapot", *SMALL, "--json", "-", cwd=tmp_path)
     machines = json.loads(done.stdout)["machines"]
-    assert [machine["name"] for machine in machines] == ["triangle", "patch", "patch, frame cache"]
+    assert [machine["name"] for machine in machines] == [
+        "triangle", "patch", "patch, frame cache", "patch, all", "subpatch, all",
+    ]  # fmt: skip
     assert all(machine["same_picture"] for machine in machines)
     assert machines[0]["machine"]["binning"] == "triangle"
     assert machines[1]["counters"]["queue_entries"] < machines[0]["counters"]["queue_entries"]

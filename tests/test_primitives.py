@@ -17,11 +17,14 @@ from tests.naive_primitives import (
     naive_planes,
     naive_window,
 )
+from tiler.back_end import NO_ORDER, make_coarse_z, make_rules, touched_blocks
 from tiler.binning import bin_boxes
+from tiler.coarse_z import depth_rows
+from tiler.config import Machine
 from tiler.grid import make_grid
 from tiler.host import Host
 from tiler.rasterizer import MARGIN, SAMPLE_X, SAMPLE_Y
-from tiler.tile import NUM_TILE_COUNTS, PatchWork, Target, TileCount, process_tiles
+from tiler.tile import NUM_TILE_COUNTS, Target, TileCount, Work, process_tiles
 
 F = np.float32
 VIEWPORTS = {
@@ -83,7 +86,7 @@ def assemble(clip, normal, viewport, samples=1, cull="NONE", per_patch=1):
     room = np.arange(patches + 1) * per_patch * (primitives.MAX_CORNERS - 2)
     triangles = Triangles(
         room, np.zeros(patches, np.int32), np.zeros((room[-1], 3), np.int32), np.zeros((room[-1], 4), np.int16),
-        np.zeros(room[-1], np.uint8), np.zeros(room[-1], np.int32),
+        np.zeros(room[-1], np.uint8), np.zeros(room[-1], np.int32), np.zeros(room[-1], np.int32),
     )  # fmt: skip
     outcomes = np.zeros((patches, primitives.NUM_OUTCOMES), np.int64)
     bounds = (viewport.left, viewport.top, viewport.left + viewport.width - 1, viewport.top + viewport.height - 1)
@@ -112,17 +115,20 @@ def draw(assembled, width, height, samples, depth_range=(0.0, 1.0), tile=32, sha
     shape = (height, width, samples)
     target = Target(
         np.full(shape, np.nan, F), np.zeros(shape, np.int32), np.zeros((*shape, 4), np.uint8),
-        np.zeros((height, width, 4), np.uint8),
+        np.zeros((height, width, 4), np.uint8), np.empty((0, 0, 0), np.int64),
     )  # fmt: skip
     with Host(1) as host:
         queue = bin_boxes(triangles.first, triangles.used, triangles.box, grid, host)
-    work = PatchWork(np.zeros(patches, np.int64), np.zeros(patches, np.int64), outcomes)
+    machine = Machine(tile=tile, binning="triangle")
+    coarse = make_coarse_z(machine, grid)
+    work = Work(np.zeros((patches, 4), np.int32), np.zeros(patches, F), outcomes)
     counts = np.zeros((grid.num_tiles, NUM_TILE_COUNTS), np.int64)
     process_tiles(
-        0, grid.num_tiles, grid, False, queue, queue, np.arange(patches, dtype=np.int32), work, triangles, window,
+        0, grid.num_tiles, grid, make_rules(machine), queue, queue, work, triangles, NO_ORDER, window,
         assembled.points.normal, (SAMPLE_X[samples], SAMPLE_Y[samples], MARGIN[samples]),
         tuple(F(d) for d in depth_range), np.array([9, 8, 7, 6], np.uint8), int(shading), (0.0, 0.0, 1.0), True, True,
-        target, counts, np.empty(pixel.SCRATCH, F),
+        target, coarse, depth_rows(target.depth), touched_blocks(coarse), np.zeros(len(queue.item), np.uint8), counts,
+        np.empty(pixel.SCRATCH, F),
     )  # fmt: skip
     place = np.full(len(triangles.vertex) + 1, -1)
     place[assembled.all()] = np.arange(triangles.used.sum())

@@ -59,7 +59,7 @@ class Work:
                 corner = rng.integers(0, 4, (len(owner), 3)) + 4 * owner[:, None]
                 items = Items(live[owner], corner.astype(np.int32), 4 * patches)
             elif binning == "subpatch":
-                items = subpatch_items(live, owner)
+                items = subpatch_items(live[owner])
             else:
                 items = patch_items(live)
             self.parts.append((queues, items))

@@ -82,6 +82,75 @@ def test_any_machine_draws_the_same_picture(view):
         assert_same_counters(two, one, (machine, "two threads"))
 
 
+# The whole cross product of what a machine may be, as far as its fields go together.
+BOUNDS_AND_CULLS = product(
+    ("cbox", "tpatch", "npatch"),
+    ((), ("frustum", "occlusion"), ("occlusion", "occlusion:triangle", "occlusion:block")),
+)
+FIELDS = {
+    "binning": ("triangle", "patch", "subpatch"),
+    "tile": (8, 32, 128),
+    "how": tuple(BOUNDS_AND_CULLS),
+    "z_feedback": ("none", "tile", "previous_frame", "two_phase"),
+    "queue_order": ("submit", "front_to_back"),
+    "coarse_z_update": ("recompute", "feed_forward"),
+    "domain_cache": ("none", "lru:5", "frame"),
+    "overlap": ("rect", "exact"),
+    "tile_walk": ("scanline", "morton", "hilbert"),
+}
+
+
+def machine_of(choice: dict) -> Machine | None:
+    """The machine of a choice of FIELDS; None where its fields do not go together."""
+    bounds, cull = choice["how"]
+    fields = {name: value for name, value in choice.items() if name != "how"}
+    try:
+        return Machine(
+            **fields, bounds=bounds, cull=cull, subpatch_extent=6.0, vertex_cache=7, coarse_z_block=8, cores=3
+        )
+    except tiler.TilerError:
+        return None
+
+
+def sampled_machines(number: int, seed: int) -> list[Machine]:
+    """So many machines of the product, seeded."""
+    rng = np.random.default_rng(seed)
+    machines: list[Machine] = []
+    while len(machines) < number:
+        machine = machine_of({name: values[rng.integers(len(values))] for name, values in FIELDS.items()})
+        machines += [machine] if machine else []
+    return machines
+
+
+def check_machines(load, machines: list[Machine], names: tuple[str, ...] | list[str]) -> int:
+    """Every machine draws what the simplest draws, on one and two threads with the same counters; the number of frames."""
+    frames = 0
+    for name in names:
+        scene = load(name, size=(70, 45), factor=3, samples=4 if name == "teapot" else 1)
+        for number in (0, 5):
+            reference = tiler.simulate(scene, SIMPLEST, frame=number, threads=1)
+            for k, machine in enumerate(machines):
+                one = tiler.simulate(scene, machine, frame=number, threads=1)
+                assert np.array_equal(one.color, reference.color), (name, number, machine)
+                assert np.array_equal(bits(one.depth_samples), bits(reference.depth_samples)), (name, number, machine)
+                if k % 4 == 0:
+                    assert_same_counters(tiler.simulate(scene, machine, frame=number, threads=2), one, (name, machine))
+                frames += 1
+    return frames
+
+
+def test_a_sample_of_all_machines_draws_the_same_picture(load):
+    assert check_machines(load, sampled_machines(24, 1), SCENES) == 24 * 2 * len(SCENES)
+
+
+@pytest.mark.slow
+def test_all_machines_draw_the_same_picture(load):
+    """The whole product on every built-in scene; prints how many frames were compared."""
+    choices = (dict(zip(FIELDS, values, strict=True)) for values in product(*FIELDS.values()))
+    machines = [machine for choice in choices if (machine := machine_of(choice))]
+    print(check_machines(load, machines, SCENES), "frames of", len(machines), "machines")
+
+
 @pytest.mark.parametrize("name", SCENES)
 def test_sliced_view_is_what_it_should_be(name, load):
     """Patches cross the near and the far plane and the sides, and some are outside of each cull test's reach."""

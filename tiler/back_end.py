@@ -1,4 +1,4 @@
-"""The back end: render target, binning of a batch in either mode, and the tile loop over the host's threads."""
+"""The back end: render target, binning of a batch in each mode, and the tile loop over the host's threads."""
 
 import math
 from typing import NamedTuple
@@ -6,38 +6,78 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline import pixel
-from pipeline.types import I32, I64, PatchBounds
+from pipeline.types import I32, I64, U8, PatchBounds
 from tiler.binning import TileQueues, bin_boxes
+from tiler.coarse_z import CoarseZ, depth_rows, make_pyramid
 from tiler.config import Machine
 from tiler.front_end import Geometry
 from tiler.grid import Grid
 from tiler.host import Host
+from tiler.overlap import bin_hulls, bin_triangles
 from tiler.rasterizer import MARGIN, SAMPLE_X, SAMPLE_Y
 from tiler.scene.model import Picture, Scene
-from tiler.tile import PatchWork, Target, process_tiles
+from tiler.tile import FEED_FORWARD, KEEP, RECOMPUTE, Rules, Target, Touched, Work, process_tiles
+
+NO_ORDER = np.empty(0, np.int64)
 
 
-def make_target(picture: Picture) -> Target:
-    """The render target, not yet cleared: the tiles clear their own part."""
+def make_target(picture: Picture, ordered: bool = False) -> Target:
+    """The render target, not yet cleared: the tiles clear their own part. ordered : with submit numbers of the samples."""
     shape = (picture.height, picture.width, picture.samples)
     color = np.empty((*shape, 4), np.uint8)
     resolved = np.empty((*shape[:2], 4), np.uint8) if picture.samples > 1 else color.reshape(*shape[:2], 4)
-    return Target(np.empty(shape, np.float32), np.empty(shape, np.int32), color, resolved)
+    order = np.empty(shape if ordered else (0, 0, 0), np.int64)
+    return Target(np.empty(shape, np.float32), np.empty(shape, np.int32), color, resolved, order)
+
+
+def make_coarse_z(machine: Machine, grid: Grid) -> CoarseZ:
+    """The machine's pyramid over the cleared picture; one cell where the machine makes no occlusion tests."""
+    if not machine.occlusion:
+        return make_pyramid(grid._replace(width=1, height=1, tiles_x=1, tiles_y=1), 1 << grid.tile_log2)
+    return make_pyramid(grid, machine.coarse_z_block)
+
+
+def make_rules(machine: Machine, phase: int = 0) -> Rules:
+    """How the tiles work in phase 0 or 1 of the frame; a machine that is not phased has phase 0 alone.
+
+    The first of two phases tests nothing in the tiles, the second tests against the pyramid that stood between them.
+    """
+    tests = machine.occlusion if phase == 1 or not machine.phased else ()
+    update = KEEP
+    if tests and not machine.phased:
+        update = RECOMPUTE if machine.coarse_z_update == "recompute" else FEED_FORWARD
+    by_unit = machine.binning != "triangle"
+    return Rules(
+        by_unit=by_unit,
+        ties=machine.reordered,
+        pairs="occlusion" in tests,
+        triangles=by_unit and "occlusion:triangle" in tests,
+        blocks="occlusion:block" in tests,
+        update=update,
+    )
 
 
 class Bins(NamedTuple):
-    """Queues of a batch. `triangles`: its set-up triangles; `queue`: what the modelled machine queues, in either mode."""
+    """Queues of a batch. `triangles`: its set-up triangles; `queue`: what the modelled machine queues, in any mode."""
 
     queue: TileQueues
     triangles: TileQueues
 
 
-def bin_batch(live: I32, geometry: Geometry, bounds: PatchBounds, machine: Machine, grid: Grid, host: Host) -> Bins:
-    """Bin a batch's set-up triangles by their boxes, and in `patch` binning its patches by their bounds on the screen."""
+def bin_batch(
+    live: I32, geometry: Geometry, bounds: PatchBounds, machine: Machine, grid: Grid, samples: int, host: Host
+) -> Bins:
+    """Bin a batch's set-up triangles, and in other modes than `triangle` its units by their bounds on the screen."""
     triangles = geometry.triangles
-    by_triangle = bin_boxes(triangles.first, triangles.used, triangles.box, grid, host)
+    exact = machine.overlap == "exact"
+    if exact:
+        by_triangle = bin_triangles(triangles, geometry.window, grid, MARGIN[samples], host)
+    else:
+        by_triangle = bin_boxes(triangles.first, triangles.used, triangles.box, grid, host)
     if machine.binning == "triangle":
         return Bins(by_triangle, by_triangle)
+    if exact:
+        return Bins(bin_hulls(live, bounds, grid, host), by_triangle)
     rect = bounds.rect[live]
     box = (rect - np.array([0, 0, 1, 1], np.int32)).astype(np.int16)
     seen = (rect[:, 0] < rect[:, 2]).astype(np.int32)
@@ -52,50 +92,54 @@ def cut_bins(bins: Bins, parts: list[TileQueues]) -> list[Bins]:
     return [Bins(part, part if by_triangle else bins.triangles) for part in parts]
 
 
-def _patch_work(queues: TileQueues, geometry: Geometry, machine: Machine) -> PatchWork:
-    """What each patch of the batch costs a tile that has it queued."""
-    domain_points = np.diff(geometry.points.first)
-    shading_tile = np.full(len(domain_points), -1, np.int64)
-    if machine.binning == "patch" and machine.domain_cache == "frame":
-        # Walk the queues as the machine does, tiles in scanline order: the first tile that has a patch shades it.
-        tile_of_entry = np.repeat(np.arange(len(queues.first) - 1), np.diff(queues.first))
-        patches, where = np.unique(queues.item, return_index=True)
-        shading_tile[patches] = tile_of_entry[where]
-    return PatchWork(domain_points, shading_tile, geometry.outcomes)
-
-
 def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
     length = math.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
     return (vector[0] / length, vector[1] / length, vector[2] / length)
+
+
+def touched_blocks(coarse: CoarseZ) -> Touched:
+    """Scratch of one thread for a machine with this pyramid."""
+    blocks = 1 << (2 * coarse.tile_level)
+    return Touched(np.full(blocks, -1, np.int64), np.zeros(blocks + 1, np.int32), np.empty(2, np.int32))
 
 
 def run_tiles(
     bins: Bins,
     live: I32,
     geometry: Geometry,
+    order: I64,
+    bounds: PatchBounds,
+    rules: Rules,
     scene: Scene,
-    machine: Machine,
     grid: Grid,
     target: Target,
+    coarse: CoarseZ,
     tile_counts: I64,
     first_batch: bool,
     last_batch: bool,
     host: Host,
-) -> None:
-    """Work off every tile's queue; `target` and `tile_counts` int64[tiles, NUM_TILE_COUNTS] are modified in place."""
+) -> U8:
+    """Work off every tile's queue; `target`, `coarse`, `tile_counts` int64[tiles, NUM_TILE_COUNTS] are modified in place.
+
+    live, bounds : the batch's units, and the bounds of all. order : submit numbers of its triangles, or `NO_ORDER`.
+    Returns what became of each queue entry, uint8: 1 where coarse Z hid a unit, else 0.
+    """
     picture = scene.picture
-    work = _patch_work(bins.queue, geometry, machine)
+    work = Work(bounds.rect[live], bounds.z_min[live], geometry.outcomes)
     pattern = (SAMPLE_X[picture.samples], SAMPLE_Y[picture.samples], MARGIN[picture.samples])
     depth_range = (np.float32(0.0), np.float32(1.0))
     background = np.array([*picture.background, 255], np.uint8)
     shading, light = int(pixel.Shade[picture.shading.upper()]), _unit(scene.light)
+    outcome = np.zeros(len(bins.queue.item), np.uint8)
+    rows = depth_rows(target.depth)
     chunks = host.chunks(grid.num_tiles)
 
     def work_off(c: int) -> None:
         process_tiles(
-            *chunks[c], grid, machine.binning == "patch", bins.queue, bins.triangles, live, work, geometry.triangles,
-            geometry.window, geometry.points.normal, pattern, depth_range, background, shading, light, first_batch,
-            last_batch, target, tile_counts, np.empty(pixel.SCRATCH, np.float32),
+            *chunks[c], grid, rules, bins.queue, bins.triangles, work, geometry.triangles, order, geometry.window,
+            geometry.points.normal, pattern, depth_range, background, shading, light, first_batch, last_batch, target,
+            coarse, rows, touched_blocks(coarse), outcome, tile_counts, np.empty(pixel.SCRATCH, np.float32),
         )  # fmt: skip
 
     host.run(work_off, len(chunks))
+    return outcome

@@ -5,6 +5,7 @@ counts its pairs per tile, a scan over tiles and chunks gives every chunk its ow
 it. So the queues are the same for any number of host threads, and in submit order without a sort.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,9 @@ class TileQueues(NamedTuple):
 
     first: I64  # (tiles+1,)
     item: I32  # (entries,)
+
+
+Walk = Callable[[int, int, bool, I64, I32], None]
 
 
 @kernel
@@ -42,17 +46,34 @@ def _fill(begin, end, first, count, box, tile_log2, tiles_x, place, item):
                     place[tile] += 1
 
 
+def queue_items(num_items: int, walk: Walk, grid: Grid, host: Host) -> TileQueues:
+    """Queues of the pairs that `walk` finds. It is called twice for each chunk of items.
+
+    walk(begin, end, fill, place, item) : adds 1 to place[tile] for each pair of items begin .. end-1, in their order; with
+    `fill` it first writes the item to item[place[tile]]. place : int64[tiles].
+    """
+    chunks = host.chunks(num_items)
+    pairs = np.zeros((len(chunks), grid.num_tiles), np.int64)
+    nothing = np.empty(0, np.int32)
+    host.run(lambda c: walk(*chunks[c], False, pairs[c], nothing), len(chunks))
+    queue_first = np.zeros(grid.num_tiles + 1, np.int64)
+    np.cumsum(pairs.sum(axis=0), out=queue_first[1:])
+    place = queue_first[:-1] + np.cumsum(pairs, axis=0) - pairs
+    item = np.empty(queue_first[-1], np.int32)
+    host.run(lambda c: walk(*chunks[c], True, place[c], item), len(chunks))
+    return TileQueues(queue_first, item)
+
+
 def bin_boxes(first: I64, count: I32, box: np.ndarray, grid: Grid, host: Host) -> TileQueues:
     """Bin items first[k] .. first[k] + count[k] - 1 for k = 0, 1, ... in this order.
 
     box : int16[items, 4], first column, first row, last column, last row in pixels, inclusive, inside the picture.
     """
-    chunks = host.chunks(len(count))
-    pairs = np.zeros((len(chunks), grid.num_tiles), np.int64)
-    host.run(lambda c: _count(*chunks[c], first, count, box, grid.tile_log2, grid.tiles_x, pairs[c]), len(chunks))
-    queue_first = np.zeros(grid.num_tiles + 1, np.int64)
-    np.cumsum(pairs.sum(axis=0), out=queue_first[1:])
-    place = queue_first[:-1] + np.cumsum(pairs, axis=0) - pairs
-    item = np.empty(queue_first[-1], np.int32)
-    host.run(lambda c: _fill(*chunks[c], first, count, box, grid.tile_log2, grid.tiles_x, place[c], item), len(chunks))
-    return TileQueues(queue_first, item)
+
+    def walk(begin: int, end: int, fill: bool, place: I64, item: I32) -> None:
+        if fill:
+            _fill(begin, end, first, count, box, grid.tile_log2, grid.tiles_x, place, item)
+        else:
+            _count(begin, end, first, count, box, grid.tile_log2, grid.tiles_x, place)
+
+    return queue_items(len(count), walk, grid, host)

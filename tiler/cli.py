@@ -139,7 +139,7 @@ def compare(
         A name that `tiler scenes` lists, or the path of a scene file.
     machine
         A machine as key=value pairs separated by commas; give it again for each. By default: triangle binning without
-        cull tests, patch binning, and patch binning with a domain cache for the frame.
+        cull tests, patch binning, with a domain cache for the frame, and patch and subpatch binning with everything on.
     cost
         Cost model by which to weigh the counters: munkberg2010, wide, or a .toml file.
     frame

@@ -41,6 +41,16 @@ DEFINITIONS: dict[str, Definition] = {
     "hs_culled_backface": Definition(
         "hull shader", "patches", "Patches of which the face-cull mode would drop all, by a back-patch test."
     ),
+    "hs_bounds_evaluated": Definition(
+        "hull shader", "bounds", "Bounds evaluated: one for each patch, and one for each sub-domain that owns a triangle."
+    ),
+    "hs_subpatches": Definition(
+        "hull shader", "sub-domains", "Sub-domains that the patches alive are cut into, those culled included (`subpatch` "
+        "binning); a patch that is not split is one.",
+    ),
+    "hs_subpatches_culled_frustum": Definition(
+        "hull shader", "sub-domains", "Sub-domains whose bound lies outside a plane of the frustum."
+    ),
     "ts_culled_factor": Definition(
         "tessellator", "patches", "Patches that reached the tessellator alive and had an edge factor that is not above 0."
     ),
@@ -50,11 +60,19 @@ DEFINITIONS: dict[str, Definition] = {
         "when no finer cull is known.",
     ),
     "ts_triangles": Definition("tessellator", "triangles", "Triangles of the patches alive, each patch once."),
-    "bin_patches": Definition("binning", "patches", "Patches queued in at least one tile (`patch` binning)."),
+    "bin_patches": Definition(
+        "binning", "patches", "Patches queued in at least one tile; in `subpatch` binning those with such a sub-domain."
+    ),
     "bin_patches_offscreen": Definition(
-        "binning", "patches", "Patches alive whose screen rectangle touches no pixel, and so are queued nowhere."
+        "binning", "patches", "Patches alive whose screen rectangle touches no pixel, and so are queued nowhere "
+        "(`patch` binning).",
+    ),
+    "bin_subpatches": Definition("binning", "sub-domains", "Sub-domains queued in at least one tile (`subpatch` binning)."),
+    "bin_subpatches_offscreen": Definition(
+        "binning", "sub-domains", "Sub-domains alive whose screen rectangle touches no pixel, and so are queued nowhere."
     ),
     "bin_patch_tile_pairs": Definition("binning", "pairs", "Pairs of a patch and a tile that it is queued in."),
+    "bin_subpatch_tile_pairs": Definition("binning", "pairs", "Pairs of a sub-domain and a tile that it is queued in."),
     "bin_triangle_tile_pairs": Definition("binning", "pairs", "Pairs of a triangle and a tile that it is queued in."),
     "queue_entries": Definition("queues", "entries", "Entries written to all tile queues."),
     "queue_longest": Definition("queues", "entries", "Entries of the longest tile queue."),
@@ -87,13 +105,49 @@ DEFINITIONS: dict[str, Definition] = {
         "queue memory", "pairs", "Pairs of a tile and a pass in which its queue has an entry; a pass ends with a flush or the "
         "frame.",
     ),
+    "cz_units_tested": Definition(
+        "coarse Z", "tests", "Patches or sub-domains tested whole against a pyramid of the picture (`two_phase`, "
+        "`previous_frame`); once against each pyramid.",
+    ),
+    "cz_units_occluded": Definition(
+        "coarse Z", "units", "Patches or sub-domains that this frame's pyramid hides as wholes: they are queued nowhere."
+    ),
+    "cz_stale_rejects": Definition(
+        "coarse Z", "units", "Patches or sub-domains hidden in the last frame's pyramid and not in this frame's; drawn in the "
+        "second phase.",
+    ),
+    "cz_pairs_tested": Definition(
+        "coarse Z", "tests", "Queue entries tested: the part of a unit's rectangle, or of a triangle's box in `triangle` "
+        "binning, that lies in the tile.",
+    ),
+    "cz_pairs_occluded": Definition("coarse Z", "pairs", "Queue entries found hidden: nothing of them is worked on."),
+    "cz_triangles_tested": Definition(
+        "coarse Z", "tests", "Triangles of patches and sub-domains tested in a tile, by their box and their nearest vertex."
+    ),
+    "cz_triangles_occluded": Definition("coarse Z", "pairs", "Triangles so found hidden in a tile: not rasterized there."),
+    "cz_blocks_tested": Definition("coarse Z", "tests", "Blocks of triangles' boxes tested in rasterization."),
+    "cz_blocks_occluded": Definition("coarse Z", "blocks", "Blocks in which the triangle is hidden, and not rasterized."),
+    "cz_blocks_accepted": Definition(
+        "coarse Z", "blocks", "Blocks in which the triangle is nearer than all: its depth test need not read the depths."
+    ),
+    "cz_cells_read": Definition("coarse Z", "cells", "Cells of pyramids read by tests of units, pairs and triangles."),
+    "cz_hits_level_0": Definition("coarse Z", "tests", "Units, pairs and triangles found hidden at level 0, the blocks."),
+    "cz_hits_level_1": Definition("coarse Z", "tests", "Units, pairs and triangles found hidden at level 1, 2x2 blocks."),
+    "cz_hits_level_2": Definition("coarse Z", "tests", "Units, pairs and triangles found hidden at level 2, 4x4 blocks."),
+    "cz_hits_level_3_up": Definition("coarse Z", "tests", "Units, pairs and triangles found hidden at level 3 or above."),
+    "cz_updates": Definition(
+        "coarse Z", "blocks", "Updates by feedback `tile`. `recompute`: for each queue entry the blocks that a triangle's box "
+        "touches of which some sample passed. `feed_forward`: each time one triangle lowers a block's farthest depth.",
+    ),
+    "dc_lookups": Definition("domain cache", "pairs", "Queue entries for which the domain cache was asked for the points."),
+    "dc_hits": Definition("domain cache", "pairs", "Queue entries whose points were in the domain cache."),
     "ds_invocations": Definition(
-        "domain shader", "domain points", "Domain points shaded. In `patch` binning without a domain cache every tile shades "
-        "a patch again.",
+        "domain shader", "domain points", "Domain points shaded. In `patch` and `subpatch` binning without a domain cache "
+        "every tile shades a unit again, and sub-domains shade their common points each.",
         "D3D11 DSInvocations, Vulkan TESSELLATION_EVALUATION_SHADER_INVOCATIONS",
     ),
     "c_invocations": Definition(
-        "clipper", "triangles", "Triangles that reach the clipper. In `patch` binning again in every tile.",
+        "clipper", "triangles", "Triangles that reach the clipper. In `patch` and `subpatch` binning again in every tile.",
         "D3D11 CInvocations, Vulkan CLIPPING_INVOCATIONS, GL CLIPPING_INPUT_PRIMITIVES",
     ),
     "c_primitives": Definition(
@@ -108,10 +162,12 @@ DEFINITIONS: dict[str, Definition] = {
     "su_culled_no_sample": Definition("set-up", "triangles", "Triangles between the sample columns or rows."),
     "su_culled_offscreen": Definition("set-up", "triangles", "Triangles all of whose sample positions are off the picture."),
     "su_culled_outside_tile": Definition(
-        "set-up", "triangles", "Triangles set up in a tile of `patch` binning that do not touch it: other tiles draw them."
+        "set-up", "triangles", "Triangles set up in a tile of `patch` or `subpatch` binning that do not touch it: other "
+        "tiles draw them.",
     ),
     "su_triangles": Definition(
-        "set-up", "triangles", "Triangles that passed set-up; in `patch` binning again in every tile, those outside it too."
+        "set-up", "triangles", "Triangles that passed set-up; in `patch` and `subpatch` binning again in every tile, those "
+        "outside it too.",
     ),
     "rs_triangles": Definition("rasterizer", "pairs", "Pairs of a triangle and a tile that the rasterizer walks."),
     "rs_samples_covered": Definition("rasterizer", "samples", "Samples covered by triangles: each is one depth test."),

@@ -224,4 +224,5 @@ def _allocate_triangles(room: I64) -> Triangles:
         box=np.empty((n, 4), np.int16),
         edges=np.empty(n, np.uint8),
         patch=np.empty(n, np.int32),
+        source=np.empty(n, np.int32),
     )

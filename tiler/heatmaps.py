@@ -2,7 +2,8 @@
 
 Per-pixel maps are made anew from the scene, apart from the machine's run, so that a frame that nobody maps pays nothing:
 
-- `overdraw`: samples of the pixel that triangles cover, each one a depth test; their sum is `rs_samples_covered`.
+- `overdraw`: samples of the pixel that triangles cover, each one a depth test, if no occlusion test hides them first; their
+  sum is `rs_samples_covered` of a machine without such tests.
 - `depth_complexity`: the same of all patches and both faces: the layers that the scene has there, whatever is culled.
 - `bounds_overlap`: patches alive after the hull stage whose screen rectangle has the pixel (Munkberg et al. 2010, Figure 8).
 - `bounds_overlap:hull`: those whose projected box has the pixel's centre: exact where the box lies before the eye.
@@ -75,7 +76,7 @@ def live_patches(scene: Scene, machine: Machine, number: float) -> Alive:
     stage = front_end.raise_silhouettes(scene, stage)
     flags = hull.flag_nonfinite(patches, stage.pyramids.whole)
     bounds = BOUNDS[machine.bounds](stage)
-    hull.run_cull_tests(machine.cull, stage, bounds, flags)
+    hull.run_cull_tests(machine.hull_cull, stage, bounds, flags)
     hull.drop_culled(stage.factors, flags)
     patterns = make_patterns(stage.factors, scene.tessellation.partitioning, front_end.WINDING)
     hull.flag_factors(patterns.of_patch, flags)

@@ -40,14 +40,32 @@ class MachineOptions:
 
     tile: int | None = None
     "Side of a tile in pixels, a power of two from 8 to 512."
-    binning: Literal["triangle", "patch"] | None = None
+    binning: Literal["triangle", "patch", "subpatch"] | None = None
     "What the front end puts into the tiles' queues."
+    subpatch_budget: int | None = None
+    "Most sub-domains of a patch (subpatch binning)."
+    subpatch_extent: float | None = None
+    "Sub-domains wider or higher than so many pixels are split (subpatch binning)."
+    overlap: Literal["rect", "exact"] | None = None
+    "Whether an item is queued in all tiles of its rectangle, or only where its outline reaches."
     bounds: Text = None
     "Algorithm that bounds displaced patches."
     cull: Text = None
-    "Cull tests on whole patches, separated by commas; none for no test."
-    domain_cache: Literal["none", "frame"] | None = None
-    "Whether every tile shades a patch again, or it is shaded once a frame (patch binning)."
+    "Cull tests, separated by commas; none for no test. Those named occlusion read coarse Z."
+    z_feedback: Literal["none", "tile", "previous_frame", "two_phase"] | None = None
+    "What the occlusion tests read."
+    queue_order: Literal["submit", "front_to_back"] | None = None
+    "Order in which a tile works off its queue."
+    coarse_z_block: int | None = None
+    "Side in pixels of the coarse Z pyramid's finest blocks."
+    coarse_z_update: Literal["recompute", "feed_forward"] | None = None
+    "How a tile keeps its coarse Z up to date."
+    domain_cache: Text = None
+    "Whether every tile shades a patch again (none), each core keeps the last N (lru:N), or it is shaded once a frame (frame)."
+    vertex_cache: int | None = None
+    "Entries of the post-tessellation vertex cache (triangle binning); 0: every domain point is shaded once."
+    tile_walk: Literal["scanline", "morton", "hilbert"] | None = None
+    "Order in which the tiles are worked off."
     cores: int | None = None
     "Simulated cores that the tiles are dealt out to."
     queue_model: Text = None
@@ -93,8 +111,17 @@ def parse_machine(text: str, options: MachineOptions) -> Machine:
         if key == "cull":
             fields[key] = parse_cull(value.replace("+", ","))
         else:
-            fields[key] = int(value) if value.lstrip("-").isdigit() else TRUTH.get(value, value)
+            fields[key] = _parse_value(value)
     return make_machine(options, **fields)
+
+
+def _parse_value(text: str) -> object:
+    if text.lstrip("-").isdigit():
+        return int(text)
+    try:
+        return float(text)
+    except ValueError:
+        return TRUTH.get(text, text)
 
 
 def parse_size(text: str) -> tuple[int, int]:

@@ -131,7 +131,7 @@ def begin_pass(sums, layout):
 
 @kernel
 def start(sums, layout):
-    """The first pass."""
+    """Begin a pass."""
     begin_pass(sums, layout)
 
 

@@ -25,11 +25,15 @@ PERCENTILES = (50, 90, 99, 100)
 
 
 class Items(NamedTuple):
-    """What the entries of a batch stand for. owner : the patch of each item. shared : records that items share."""
+    """What the entries of a batch stand for. owner : the patch of each item. shared : records that items share.
+
+    lasting : whether the numbers of shared records mean the same in every batch.
+    """
 
     owner: I32  # (items,) patch number
     shared: I32  # (items, K) numbers of shared records, 0 .. num_shared-1
     num_shared: int
+    lasting: bool = False
 
 
 @dataclass(frozen=True)
@@ -39,8 +43,9 @@ class QueueReport:
     entries_written, entries_read : entries of lists of all levels. bytes_written : entries, links, headers, records; in
     every pass again. bytes_read : the same where tiles (and the fine level of a cascade) walk them, without any cache: an
     entry that is read fetches its record, and each record that it shares. peak_bytes : most in use at a time.
-    allocated_bytes : given out, of all passes: bytes_written + wasted_bytes. chunks : given to lists. flushes : passes but
-    one. grows : how often the pool was doubled. tile_passes : int64[tiles_y, tiles_x], passes in which the tile had an
+    allocated_bytes : given out, of all passes: bytes_written + wasted_bytes. chunks : given to lists. flushes : passes
+    begun because the pool was full. grows : how often the pool was doubled.
+    tile_passes : int64[tiles_y, tiles_x], passes in which the tile had an
     entry. tile_bytes : int64[tiles_y, tiles_x], bytes of lists (headers, links, entries) that the tile walks.
     percentiles : of tile_bytes at 50, 90, 99 and 100 percent of the tiles (nearest rank). longest_tile : of the queue with
     most entries, the first of equal ones; -1 where nothing is queued. longest_patch : the patch that caused it: the one with
@@ -95,14 +100,16 @@ def patch_items(live: I32) -> Items:
     return Items(live, np.zeros((len(live), 0), np.int32), 0)
 
 
-def subpatch_items(live: I32, patch_of: I32) -> Items:
-    """`subpatch` binning: an item is a sub-domain of live patch patch_of[i], and shares that patch's record."""
-    return Items(live[patch_of], np.ascontiguousarray(patch_of[:, None]), len(live))
+def subpatch_items(owner: I32) -> Items:
+    """`subpatch` binning: an item is a sub-domain of patch owner[i], and shares that patch's record."""
+    return Items(owner, owner.reshape(-1, 1), int(owner.max(initial=-1)) + 1, lasting=True)
 
 
-def describe_items(binning: Binning, live: I32, triangles: Triangles, num_vertices: int) -> Items:
-    """Items of a batch of live patches, by what is binned."""
-    return triangle_items(triangles, num_vertices) if binning == "triangle" else patch_items(live)
+def describe_items(binning: Binning, owner: I32, triangles: Triangles, num_vertices: int) -> Items:
+    """Items of a batch of units, by what is binned. owner : the patch of each unit."""
+    if binning == "triangle":
+        return triangle_items(triangles, num_vertices)
+    return patch_items(owner) if binning == "patch" else subpatch_items(owner)
 
 
 def make_queue_memory(machine: Machine, grid: Grid, samples: int) -> "QueueMemory":
@@ -115,6 +122,7 @@ def make_queue_memory(machine: Machine, grid: Grid, samples: int) -> "QueueMemor
         pool=machine.queue_pool,
         policy=machine.queue_policy,
         samples=samples,
+        phased=machine.phased,
     )
 
 
@@ -122,8 +130,8 @@ class QueueMemory:
     """The queues of one frame in the making.
 
     model : the layout; name : what to call it. pool : bytes, or None for the model's own limit. policy : what happens where
-    the pool is full, or None for the model's own. Raises TilerError where the pool has no room for what lists have from
-    the start.
+    the pool is full, or None for the model's own. phased : whether `drain` may be called. Raises TilerError where the pool
+    has no room for what lists have from the start.
     """
 
     def __init__(
@@ -136,6 +144,7 @@ class QueueMemory:
         pool: int | None = None,
         policy: Policy | None = None,
         samples: int = 1,
+        phased: bool = False,
     ) -> None:
         self.name, self.grid, self.samples = name, grid, samples
         self.levels = _levels(model, model.entry_bytes(binning), grid)
@@ -156,12 +165,23 @@ class QueueMemory:
             self.sums[Sum.GROWS] += 1
         queue_lists.start(self.sums, self.layout)
         one_list = model.scheme == "flat" and model.level[0].streams == 1
-        self.order_decides_nothing = one_list and not capacity and not model.record.block_bytes
+        self.order_decides_nothing = one_list and not capacity and not model.record.block_bytes and not phased
+        self.shared_pass: I64 = np.zeros(0, np.int64)  # of shared records that last from batch to batch
         self.tile_pass: I64 = np.zeros(grid.num_tiles, np.int64)
         self.tile_passes: I64 = np.zeros(grid.num_tiles, np.int64)
         self.entries: I64 = np.zeros(grid.num_tiles, np.int64)
         self.most: I64 = np.zeros((grid.num_tiles, 3), np.int64)
         self.most[:, 2] = -1
+
+    @property
+    def passes(self) -> int:
+        """Passes begun so far."""
+        return int(self.sums[Sum.PASS])
+
+    def drain(self) -> None:
+        """The tiles work off what is queued, though the pool is not full: between the phases of a machine that has two."""
+        if self.sums[Sum.ITEMS] > self.sums[Sum.PASS_ITEMS]:
+            queue_lists.start(self.sums, self.layout)
 
     def append(self, queues: TileQueues, items: Items) -> list[TileQueues]:
         """Append a batch's entries, item after item; its queues cut where a new pass began, at least one part.
@@ -179,6 +199,9 @@ class QueueMemory:
         """Account for a batch's entries; the items with which a new pass began, in order."""
         n = len(items.owner)
         shared_pass = np.zeros(items.num_shared, np.int64)
+        if items.lasting:
+            shared_pass[: len(self.shared_pass)] = self.shared_pass[: items.num_shared]
+            self.shared_pass = shared_pass = np.append(shared_pass, self.shared_pass[items.num_shared :])
         if self.order_decides_nothing:
             chunk = (int(column[0]) for column in self.levels[4:7])
             queue_lists.append_flat(

@@ -4,6 +4,9 @@
 (12 bytes), and each vertex that a binned triangle uses is stored once after the transform: window position x, y, z and
 1/w, and a normal (28 bytes). Vertices are shared within a patch, not between patches.
 
+`subpatch` binning: each entry is a sub-domain number (4 bytes). Each sub-domain queued anywhere has a record of its patch
+number (4 bytes) and its cell, four corners of 8 bits (4 bytes); each patch of which a sub-domain is queued has its factors.
+
 `patch` binning: each entry is a patch number (4 bytes). Each patch queued anywhere has its six tessellation factors
 stored once (24 bytes). Its control points are read again where the vertex stage left them: every machine writes those.
 """
@@ -17,6 +20,7 @@ ENTRY_BYTES = 4
 TRIANGLE_BYTES = 12
 VERTEX_BYTES = 28
 PATCH_BYTES = 24
+SUBPATCH_BYTES = 8
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,7 @@ class Queues:
     memory: QueueReport
 
 
-def queue_bytes(entries: int, triangles: int, vertices: int, patches: int) -> int:
+def queue_bytes(entries: int, triangles: int, vertices: int, patches: int, subpatches: int) -> int:
     """Bytes of a frame's queues with the records that their entries refer to; each argument a count."""
-    records = triangles * TRIANGLE_BYTES + vertices * VERTEX_BYTES + patches * PATCH_BYTES
+    records = triangles * TRIANGLE_BYTES + vertices * VERTEX_BYTES + patches * PATCH_BYTES + subpatches * SUBPATCH_BYTES
     return entries * ENTRY_BYTES + records

@@ -2,14 +2,15 @@
 
 Coverage is exact in integers: top-left rule on 16.8 positions (D3D11.3 functional specification 3.4.2). Depth is linear
 in screen space, float64 from the exact edge values, rounded to float32 and clamped to the triangle's own range, so that
-a triangle's depth bounds are rigorous. The depth function is LESS; triangles come in submit order, so of equal depths
-the first submitted stays. What passes writes its depth and its triangle number; shading comes later, for the triangles
-that stay visible.
+a triangle's depth bounds are rigorous. The depth function is LESS; of equal depths the first submitted stays: the first
+that comes where triangles come in submit order, else the one of lower number (`tiler/order.py`). What passes writes its
+depth and its triangle number; shading comes later, for the triangles that stay visible.
 """
 
 import numpy as np
 
 from pipeline.jit import helper
+from tiler.order import comes_before
 
 BLOCK_LOG2 = 3  # triangles wider than two blocks are walked by blocks of 8x8 pixels, and blocks outside an edge skipped
 SMALL = 2 << BLOCK_LOG2
@@ -28,13 +29,23 @@ def _top_left_bias(dx, dy):
 
 
 @helper
-def _depth_plane(triangles, window, t, depth_range):
-    """z0, z1 - z0, z2 - z0 in float64, and the range that depths are clamped to."""
+def triangle_depths(triangles, window, t, depth_range):
+    """Nearest and farthest depth that triangle t can give: what `_depth` clamps to."""
     z0 = window.z[triangles.vertex[t, 0]]
     z1 = window.z[triangles.vertex[t, 1]]
     z2 = window.z[triangles.vertex[t, 2]]
     lo = min(max(min(z0, z1, z2), depth_range[0]), depth_range[1])
     hi = min(max(max(z0, z1, z2), depth_range[0]), depth_range[1])
+    return lo, hi
+
+
+@helper
+def _depth_plane(triangles, window, t, depth_range):
+    """z0, z1 - z0, z2 - z0 in float64, and the range that depths are clamped to."""
+    z0 = window.z[triangles.vertex[t, 0]]
+    z1 = window.z[triangles.vertex[t, 1]]
+    z2 = window.z[triangles.vertex[t, 2]]
+    lo, hi = triangle_depths(triangles, window, t, depth_range)
     base = np.float64(z0)
     return base, np.float64(z1) - base, np.float64(z2) - base, lo, hi
 
@@ -48,7 +59,7 @@ def _depth(plane, area, e1, e2):
 
 
 @helper
-def _fill(x0, y0, x1, y1, t, edges, plane, area, depth, visible):
+def _fill(x0, y0, x1, y1, t, edges, plane, area, depth, visible, ties, order, stored):
     """Test the centre of pixels x0..x1, y0..y1.
 
     Returns samples covered, samples passed, pixels with a sample passed, 2x2 blocks of pixels with such a pixel.
@@ -68,7 +79,8 @@ def _fill(x0, y0, x1, y1, t, edges, plane, area, depth, visible):
                 entered = True
                 covered += 1
                 z = _depth(plane, area, e1 - b1, e2 - b2)
-                if z < depth[y, x, 0]:
+                d = depth[y, x, 0]
+                if z < d or (ties and z == d and comes_before(t, y, x, 0, visible, order, stored)):
                     depth[y, x, 0] = z
                     visible[y, x, 0] = t
                     passed += 1
@@ -84,7 +96,9 @@ def _fill(x0, y0, x1, y1, t, edges, plane, area, depth, visible):
 
 
 @helper
-def _fill_samples(x0, y0, x1, y1, t, edges, plane, area, sample_x, sample_y, depth, visible):
+def _fill_samples(
+    x0, y0, x1, y1, t, edges, plane, area, sample_x, sample_y, depth, visible, ties, order, stored
+):  # fmt: skip
     """As `_fill`, for every sample of a pattern of several."""
     (dx0, dy0, c0, b0), (dx1, dy1, c1, b1), (dx2, dy2, c2, b2) = edges
     covered, passed, pixels, quads, quads_of_rows = 0, 0, 0, 0, 0
@@ -103,7 +117,8 @@ def _fill_samples(x0, y0, x1, y1, t, edges, plane, area, sample_x, sample_y, dep
                 if ((s0 + b0) | (s1 + b1) | (s2 + b2)) >= 0:
                     covered += 1
                     z = _depth(plane, area, s1, s2)
-                    if z < depth[y, x, s]:
+                    d = depth[y, x, s]
+                    if z < d or (ties and z == d and comes_before(t, y, x, s, visible, order, stored)):
                         depth[y, x, s] = z
                         visible[y, x, s] = t
                         passed += 1
@@ -125,7 +140,8 @@ def _reaches(edge, x0, y0, x1, y1, margin):
 
 
 @helper
-def _reaches_all(edges, x0, y0, x1, y1, margin):
+def reaches_all(edges, x0, y0, x1, y1, margin):
+    """Whether none of the three edges keeps all sample positions of the rectangle outside."""
     return (
         _reaches(edges[0], x0, y0, x1, y1, margin)
         and _reaches(edges[1], x0, y0, x1, y1, margin)
@@ -149,11 +165,15 @@ def triangle_edges(window, a, b, c):
 
 
 @helper
-def rasterize(t, rect, triangles, window, sample_x, sample_y, margin, depth_range, depth, visible):
+def rasterize(
+    t, rect, triangles, window, sample_x, sample_y, margin, depth_range, depth, visible, ties, order, stored
+):  # fmt: skip
     """Rasterize triangle t inside pixels rect = (x0, y0, x1, y1), inclusive; `depth`, `visible` modified in place.
 
-    depth : float32[H, W, S]; visible : int32[H, W, S]. Returns (samples covered, samples that passed the depth test,
-    pixels with a sample that passed, aligned 2x2 blocks of pixels with such a pixel).
+    depth : float32[H, W, S]; visible : int32[H, W, S]. ties : whether triangles may come out of submit order; then order :
+    int64[T], their submit numbers, and stored : int64[H, W, S], that of what a sample showed before this batch.
+    Returns (samples covered, samples that passed the depth test, pixels with a sample that passed, aligned 2x2 blocks of
+    pixels with such a pixel).
     """
     x0, y0 = max(np.int64(triangles.box[t, 0]), rect[0]), max(np.int64(triangles.box[t, 1]), rect[1])
     x1, y1 = min(np.int64(triangles.box[t, 2]), rect[2]), min(np.int64(triangles.box[t, 3]), rect[3])
@@ -170,12 +190,12 @@ def rasterize(t, rect, triangles, window, sample_x, sample_y, margin, depth_rang
         for bx in range(x0 >> log2, (x1 >> log2) + 1):
             px0, py0 = max(x0, bx << log2), max(y0, by << log2)
             px1, py1 = min(x1, ((bx + 1) << log2) - 1), min(y1, ((by + 1) << log2) - 1)
-            if small or _reaches_all(edges, px0, py0, px1, py1, margin):
+            if small or reaches_all(edges, px0, py0, px1, py1, margin):
                 if len(sample_x) == 1:
-                    n, m, p, q = _fill(px0, py0, px1, py1, t, edges, plane, area, depth, visible)
+                    n, m, p, q = _fill(px0, py0, px1, py1, t, edges, plane, area, depth, visible, ties, order, stored)
                 else:
                     n, m, p, q = _fill_samples(
-                        px0, py0, px1, py1, t, edges, plane, area, sample_x, sample_y, depth, visible
+                        px0, py0, px1, py1, t, edges, plane, area, sample_x, sample_y, depth, visible, ties, order, stored
                     )  # fmt: skip
                 covered += n
                 passed += m

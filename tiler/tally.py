@@ -9,12 +9,17 @@ from pipeline.types import I32, I64, U8, CullFlag, Patches, Patterns
 from tiler.binning import TileQueues
 from tiler.config import Machine
 from tiler.counters import Counters
+from tiler.domain_cache import Events, note_events, replay_shading, vertex_misses
 from tiler.front_end import Geometry
 from tiler.grid import Grid
+from tiler.phases import UnitTests
 from tiler.queue_memory import QueueReport
 from tiler.queues import Queues, queue_bytes
 from tiler.scene.model import Scene
+from tiler.subpatch import Split
 from tiler.tile import NUM_TILE_COUNTS, Target, TileCount
+from tiler.tile_walk import walk_tiles
+from tiler.units import Units, num_domain_points
 
 OUTCOME_COUNTERS = {
     "c_invocations": Outcome.C_IN,
@@ -38,6 +43,21 @@ TILE_COUNTERS = {
     "om_samples_passed": TileCount.SAMPLES_PASSED,
     "ps_invocations": TileCount.PS_INVOCATIONS,
     "ps_helper_invocations": TileCount.PS_HELPERS,
+    "cz_pairs_tested": TileCount.PAIRS_TESTED,
+    "cz_pairs_occluded": TileCount.PAIRS_OCCLUDED,
+    "cz_triangles_tested": TileCount.TRIANGLES_TESTED,
+    "cz_triangles_occluded": TileCount.TRIANGLES_OCCLUDED,
+    "cz_blocks_tested": TileCount.BLOCKS_TESTED,
+    "cz_blocks_occluded": TileCount.BLOCKS_OCCLUDED,
+    "cz_blocks_accepted": TileCount.BLOCKS_ACCEPTED,
+    "cz_cells_read": TileCount.CELLS_READ,
+    "cz_hits_level_0": TileCount.HITS_0,
+    "cz_hits_level_1": TileCount.HITS_1,
+    "cz_hits_level_2": TileCount.HITS_2,
+    "cz_hits_level_3_up": TileCount.HITS_3,
+    "cz_updates": TileCount.UPDATES,
+    "dc_lookups": TileCount.CACHE_LOOKUPS,
+    "dc_hits": TileCount.CACHE_HITS,
 }
 
 
@@ -56,6 +76,9 @@ class Tally:
     def __init__(self, scene: Scene, machine: Machine, grid: Grid) -> None:
         self.machine = machine
         self.grid = grid
+        self.walk = walk_tiles(grid, machine.tile_walk)
+        self.events: list[Events] = []
+        self.queued: U8 = np.zeros(0, np.uint8)  # patches queued anywhere
         self.tiles: I64 = np.zeros((grid.num_tiles, NUM_TILE_COUNTS), np.int64)
         self.outcomes: I64 = np.zeros(NUM_OUTCOMES, np.int64)  # of the front end: each patch once
         self.values = {
@@ -63,10 +86,23 @@ class Tally:
             "ia_primitives": scene.num_patches,
             "vs_invocations": scene.num_vertices,
             "hs_invocations": scene.num_patches,
+            "hs_bounds_evaluated": scene.num_patches,
+            "hs_subpatches": 0,
+            "hs_subpatches_culled_frustum": 0,
             "bin_patches": 0,
             "bin_patches_offscreen": 0,
+            "bin_subpatches": 0,
+            "bin_subpatches_offscreen": 0,
+            "cz_units_tested": 0,
+            "cz_units_occluded": 0,
+            "cz_stale_rejects": 0,
             "queue_bytes": 0,
             "ds_invocations": 0,  # of the front end
+            "cz_cells_read": 0,  # by tests of whole units
+            "cz_hits_level_0": 0,
+            "cz_hits_level_1": 0,
+            "cz_hits_level_2": 0,
+            "cz_hits_level_3_up": 0,
         }
 
     def count_patches(self, patches: Patches, flags: U8, patterns: Patterns, live: I32) -> None:
@@ -84,32 +120,72 @@ class Tally:
             "ts_triangles": int(np.diff(patterns.first_triangle)[used].sum()),
         }
 
-    def count_batch(self, geometry: Geometry, queues: TileQueues) -> None:
-        """What binning a batch wrote, and what its front end did."""
+    def count_split(self, split: Split) -> None:
+        """What cutting the patches alive into sub-domains took."""
+        self.values["hs_bounds_evaluated"] += split.bounded
+        self.values["hs_subpatches"] = len(split.units.owner)
+        self.values["hs_subpatches_culled_frustum"] = split.culled
+
+    def count_batch(self, units: Units, live: I32, geometry: Geometry, queues: TileQueues) -> None:
+        """What binning a batch of units wrote, and what its front end did."""
         self.outcomes += geometry.outcomes.sum(axis=0)
         if self.machine.binning == "triangle":
             used = np.zeros(len(geometry.window.x), np.uint8)
             _mark_vertices(geometry.triangles, used)
-            triangles, vertices, patches = int(geometry.triangles.used.sum()), int(used.sum()), 0
-            self.values["ds_invocations"] += int(geometry.points.first[-1])
-        else:
-            queued = np.zeros(len(geometry.triangles.used), np.uint8)
-            queued[queues.item] = 1
-            triangles, vertices, patches = 0, 0, int(queued.sum())
-            self.values["bin_patches"] += patches
-            self.values["bin_patches_offscreen"] += len(queued) - patches
-        self.values["queue_bytes"] += queue_bytes(len(queues.item), triangles, vertices, patches)
+            self._add_bytes(len(queues.item), int(geometry.triangles.used.sum()), int(used.sum()), 0, 0)
+            misses = vertex_misses(units.patterns, self.machine.vertex_cache)
+            self.values["ds_invocations"] += int(misses[units.patterns.of_patch[live]].sum())
+            return
+        queued = np.zeros(len(live), np.uint8)
+        queued[queues.item] = 1
+        found, name = int(queued.sum()), "bin_subpatches" if self.machine.binning == "subpatch" else "bin_patches"
+        self.values[name] += found
+        self.values[f"{name}_offscreen"] += len(live) - found
+        parts = 0
+        if self.machine.binning == "subpatch":
+            if not len(self.queued):
+                self.queued = np.zeros(self.values["ia_primitives"], np.uint8)
+            self.queued[units.owner[live[queued == 1]]] = 1
+            found, parts = 0, found  # the patches are counted at the end: their parts may lie in several batches
+        self._add_bytes(len(queues.item), 0, 0, found, parts)
+
+    def count_entries(self, live: I32, queues: TileQueues, outcome: U8, number: int) -> None:
+        """What became of the queue entries that pass `number` worked off, of a batch of units `live`."""
+        if self.machine.binning != "triangle":
+            self.events.append(note_events(number, queues, live, outcome))
+
+    def _add_bytes(self, entries: int, triangles: int, vertices: int, patches: int, parts: int) -> None:
+        self.values["queue_bytes"] += queue_bytes(entries, triangles, vertices, patches, parts)
+
+    def count_units(self, units: Units, tests: UnitTests) -> None:
+        """What happened to units as wholes, after all batches."""
+        if self.machine.binning == "subpatch":
+            self.values["bin_patches"] = int(self.queued.sum())
+            self._add_bytes(0, 0, 0, self.values["bin_patches"], 0)
+        if self.machine.binning != "triangle":
+            points = num_domain_points(units, np.arange(len(units.owner), dtype=np.int32))
+            replay_shading(
+                self.events, points, self.walk, self.machine.cores, self.machine.domain_cache, self.tiles
+            )  # fmt: skip
+        self.values |= {
+            "cz_units_tested": tests.tested,
+            "cz_units_occluded": tests.occluded,
+            "cz_stale_rejects": tests.stale,
+            "cz_cells_read": tests.cells,
+        }
+        for name, hits in zip(("0", "1", "2", "3_up"), tests.hits, strict=True):
+            self.values[f"cz_hits_level_{name}"] = int(hits)
 
     def counters(self, target: Target, memory: dict[str, int]) -> Counters:
         """All counters of the frame. memory : those of the queues' memory."""
-        by_patch = self.machine.binning == "patch"
+        by_unit = self.machine.binning != "triangle"
         sums = self.tiles.sum(axis=0)
-        outcomes = sums[:NUM_OUTCOMES] if by_patch else self.outcomes
+        outcomes = sums[:NUM_OUTCOMES] if by_unit else self.outcomes
         values = self.values | memory | {name: int(outcomes[column]) for name, column in OUTCOME_COUNTERS.items()}
         values |= {name: values.get(name, 0) + int(sums[column]) for name, column in TILE_COUNTERS.items()}
         entries = values["queue_entries"]
-        values["bin_patch_tile_pairs"] = entries if by_patch else 0
-        values["bin_triangle_tile_pairs"] = 0 if by_patch else entries
+        for binning in ("patch", "subpatch", "triangle"):
+            values[f"bin_{binning}_tile_pairs"] = entries if self.machine.binning == binning else 0
         values["queue_longest"] = int(self.tiles[:, TileCount.QUEUE_ENTRIES].max())
         values["om_samples_failed"] = values["rs_samples_covered"] - values["om_samples_passed"]
         values["om_samples_visible"] = int(np.count_nonzero(target.depth < 1.0))
@@ -127,7 +203,8 @@ class Tally:
     def core_sums(self) -> dict[str, I64]:
         """Per-tile counters summed over the tiles of each simulated core, int64[cores]."""
         cores = self.machine.cores
-        core = np.arange(self.grid.num_tiles) % cores
+        core = np.empty(self.grid.num_tiles, np.int64)
+        core[self.walk] = np.arange(self.grid.num_tiles) % cores
         return {
             name: np.array([self.tiles[core == c, column].sum() for c in range(cores)], np.int64)
             for name, column in TILE_COUNTERS.items()

@@ -1,11 +1,15 @@
-"""The back end: one tile's queue to pixels, for both binning modes.
+"""The back end: one tile's queue to pixels, for all binning modes.
 
 `triangle`: the queue holds triangles that the front end has shaded and set up; they are rasterized in order.
-`patch`: the queue holds patches; the modelled machine tessellates and shades each again in every tile (or takes its
-points from the domain cache), clips and sets up its triangles, and rasterizes those that fall in the tile. The
-simulator has shaded, set up and binned each patch's triangles once, because the result is the same bits; it *counts*
-what the machine does: every event of a patch is added to the tile that causes it. A triangle in a tile whose queue lacks
-its patch is not drawn, as the machine would not draw it: a bound that is too tight shows.
+`patch`, `subpatch`: the queue holds units, which are patches or sub-domains of them; the modelled machine tessellates and
+shades each again in every tile (or takes its points from the domain cache), clips and sets up its triangles, and rasterizes
+those that fall in the tile. The simulator has shaded, set up and binned each unit's triangles once, because the result is
+the same bits; it *counts* what the machine does: every event of a unit is added to the tile that causes it. A triangle in a
+tile whose queue lacks its unit is not drawn, as the machine would not draw it: a bound that is too tight shows.
+
+Coarse Z: before a queue entry is worked on, its rectangle in the tile is tested against the pyramid; then, if the machine
+does so, each of its triangles, and each block that a triangle's box touches. With feedback `tile` the pyramid of the tile is
+brought up to date after each entry.
 """
 
 from enum import IntEnum
@@ -15,46 +19,93 @@ import numpy as np
 
 from pipeline.jit import helper, kernel
 from pipeline.pixel import Shade
-from pipeline.primitives import NUM_OUTCOMES, Outcome
+from pipeline.primitives import NUM_OUTCOMES
 from pipeline.types import F32, I32, I64, U8
-from tiler.rasterizer import rasterize
+from tiler.coarse_z import hidden_at, hides, propagate, recompute_block
+from tiler.rasterizer import WHOLE_LOG2, rasterize, triangle_depths
 from tiler.shading import shade_tile
 
 
 class TileCount(IntEnum):
-    """Columns of the per-tile counters. The first NUM_OUTCOMES are those of `primitives.Outcome` (`patch` mode)."""
+    """Columns of the per-tile counters. The first NUM_OUTCOMES are those of `primitives.Outcome` (not in `triangle` mode)."""
 
     QUEUE_ENTRIES = NUM_OUTCOMES
     DS_INVOCATIONS = NUM_OUTCOMES + 1
-    TRIANGLES = NUM_OUTCOMES + 2  # set-up triangles whose box touches the tile
-    OUTSIDE = NUM_OUTCOMES + 3  # `patch` mode: set-up triangles of the queue's patches that do not touch the tile
+    TRIANGLES = NUM_OUTCOMES + 2  # set-up triangles that the rasterizer walks in the tile
+    OUTSIDE = (
+        NUM_OUTCOMES + 3
+    )  # not in `triangle` mode: set-up triangles of the queue's units that do not touch the tile
     SAMPLES_COVERED = NUM_OUTCOMES + 4  # each is one depth test
     SAMPLES_PASSED = NUM_OUTCOMES + 5
     PS_INVOCATIONS = NUM_OUTCOMES + 6
     PS_HELPERS = NUM_OUTCOMES + 7
+    PAIRS_TESTED = NUM_OUTCOMES + 8
+    PAIRS_OCCLUDED = NUM_OUTCOMES + 9
+    TRIANGLES_TESTED = NUM_OUTCOMES + 10
+    TRIANGLES_OCCLUDED = NUM_OUTCOMES + 11
+    BLOCKS_TESTED = NUM_OUTCOMES + 12
+    BLOCKS_OCCLUDED = NUM_OUTCOMES + 13
+    BLOCKS_ACCEPTED = NUM_OUTCOMES + 14
+    CELLS_READ = NUM_OUTCOMES + 15
+    HITS_0 = NUM_OUTCOMES + 16  # pairs and triangles found hidden at level 0, 1, 2, 3 or above
+    HITS_1 = NUM_OUTCOMES + 17
+    HITS_2 = NUM_OUTCOMES + 18
+    HITS_3 = NUM_OUTCOMES + 19
+    UPDATES = NUM_OUTCOMES + 20
+    CACHE_LOOKUPS = NUM_OUTCOMES + 21
+    CACHE_HITS = NUM_OUTCOMES + 22
 
 
 NUM_TILE_COUNTS = NUM_OUTCOMES + len(TileCount)
-_ENTRIES, _DS, _TRIANGLES, _OUTSIDE, _COVERED, _PASSED, _PS, _HELPERS = (int(c) for c in TileCount)
-_SETUP = int(Outcome.SETUP)
+(
+    _ENTRIES, _DS, _TRIANGLES, _OUTSIDE, _COVERED, _PASSED, _PS, _HELPERS, _PAIRS, _PAIRS_HIDDEN, _TESTED, _HIDDEN, _BLOCKS,
+    _BLOCKS_HIDDEN, _BLOCKS_ACCEPTED, _CELLS, _HITS, _, _, _, _UPDATES, _, _,
+) = (int(c) for c in TileCount)  # fmt: skip
 TILE_GRID = int(Shade.TILE_GRID)
 
 
 class Target(NamedTuple):
-    """The render target. `visible` holds, within a batch, the triangle that is seen at each sample, -1 for none."""
+    """The render target. `visible` holds, within a batch, the triangle that is seen at each sample, -1 for none.
+
+    `order`: the submit number (`tiler/order.py`) of what is seen at each sample at the end of a batch, -1 for none; of shape
+    (0, 0, 0) where nobody asks for it.
+    """
 
     depth: F32  # (H, W, S)
     visible: I32  # (H, W, S)
     color: U8  # (H, W, S, 4) RGBA
     resolved: U8  # (H, W, 4); with one sample a view of `color`
+    order: I64  # (H, W, S) or (0, 0, 0)
 
 
-class PatchWork(NamedTuple):
-    """`patch` mode: what processing live patch k costs the machine, for replay in every tile that has it queued."""
+class Rules(NamedTuple):
+    """How a phase of the frame works off its queues."""
 
-    domain_points: I64  # (live,)
-    shading_tile: I64  # (live,) the tile whose core shades it; -1: every tile does
-    outcomes: I64  # (live, NUM_OUTCOMES)
+    by_unit: bool  # queues hold patches or sub-domains, not triangles
+    ties: bool  # triangles may come out of submit order: the depth test compares submit numbers, coarse Z is strict
+    pairs: bool  # the tests against coarse Z: queue entries,
+    triangles: bool  # triangles of units,
+    blocks: bool  # blocks of a triangle's box
+    update: int  # one of KEEP, RECOMPUTE, FEED_FORWARD
+
+
+KEEP, RECOMPUTE, FEED_FORWARD = 0, 1, 2
+
+
+class Work(NamedTuple):
+    """What a tile must know of each unit of the batch; of no rows in `triangle` binning."""
+
+    rect: I32  # (live, 4) pixels x0 y0 x1 y1, ends exclusive
+    z_min: F32  # (live,)
+    outcomes: I64  # (live, NUM_OUTCOMES) what its clipping and set-up gives, for replay in every tile that works on it
+
+
+class Touched(NamedTuple):
+    """Scratch: blocks of a tile in which the queue entry at hand wrote depths. One for each thread."""
+
+    stamp: I64  # (blocks,) the last entry that wrote there
+    block: I32  # (blocks + 1,) how many, and their places in the tile
+    bits: I32  # (2,) for `recompute_block`
 
 
 @helper
@@ -63,6 +114,8 @@ def _clear(rect, background, target):
         for x in range(rect[0], rect[2] + 1):
             for s in range(target.depth.shape[2]):
                 target.depth[y, x, s] = 1.0
+                if target.order.size:
+                    target.order[y, x, s] = -1
                 for c in range(4):
                     target.color[y, x, s, c] = background[c]
 
@@ -76,12 +129,13 @@ def _forget_visible(rect, target):
 
 
 @helper
-def _replay_patch(k, tile, work, counts):
-    """Count what the machine does for patch k in this tile before rasterization."""
-    if work.shading_tile[k] < 0 or work.shading_tile[k] == tile:
-        counts[_DS] += work.domain_points[k]
-    for c in range(NUM_OUTCOMES):
-        counts[c] += work.outcomes[k, c]
+def _store_order(rect, order, target):
+    """Keep the submit numbers of what this batch shows."""
+    for y in range(rect[1], rect[3] + 1):
+        for x in range(rect[0], rect[2] + 1):
+            for s in range(target.depth.shape[2]):
+                if target.visible[y, x, s] >= 0:
+                    target.order[y, x, s] = order[target.visible[y, x, s]]
 
 
 @helper
@@ -109,41 +163,175 @@ def _draw_grid(rect, target):
 
 
 @helper
-def _rasterize_queue(
-    tile, rect, by_patch, queue, triangle_queue, live, triangles, window, pattern, depth_range, target, counts
+def _hidden(box, z, rules, coarse, counts):
+    """Test pixels `box`, inclusive, against the tile's pyramid."""
+    level, cells = hidden_at(coarse, box[0], box[1], box[2], box[3], z, rules.ties, coarse.tile_level)
+    counts[_CELLS] += cells
+    if level >= 0:
+        counts[_HITS + min(level, 3)] += 1
+    return level >= 0
+
+
+@helper
+def _touch(box, rect, entry, coarse, touched):
+    """Note the blocks of `box` for the end of the queue entry."""
+    log2 = coarse.block_log2
+    left, top = rect[0] >> log2, rect[1] >> log2
+    for by in range(box[1] >> log2, (box[3] >> log2) + 1):
+        for bx in range(box[0] >> log2, (box[2] >> log2) + 1):
+            place = ((by - top) << coarse.tile_level) + bx - left
+            if touched.stamp[place] != entry:
+                touched.stamp[place] = entry
+                touched.block[0] += 1
+                touched.block[touched.block[0]] = place
+
+
+@helper
+def _refresh(rect, coarse, rows, samples, touched, counts):
+    """Recompute the blocks that were written, and what stands above them in the tile."""
+    log2 = coarse.block_log2
+    left, top = rect[0] >> log2, rect[1] >> log2
+    for i in range(1, touched.block[0] + 1):
+        place = np.int64(touched.block[i])
+        bx, by = left + (place & ((1 << coarse.tile_level) - 1)), top + (place >> coarse.tile_level)
+        if recompute_block(coarse, rows, samples, bx, by, touched.bits):
+            propagate(coarse, bx, by, coarse.tile_level)
+        counts[_UPDATES] += 1
+    touched.block[0] = 0
+
+
+@helper
+def _merge(bx, by, lo, hi, covers, rules, coarse, counts):
+    """After a triangle of depths lo..hi wrote to a block: the nearest depth at once, as it must not be too high."""
+    cell = by * coarse.width[0] + bx
+    changed = lo < coarse.nearest[cell]
+    if changed:
+        coarse.nearest[cell] = lo
+    if rules.update == FEED_FORWARD and covers and hi < coarse.farthest[cell]:
+        coarse.farthest[cell] = hi
+        counts[_UPDATES] += 1
+        changed = True
+    if changed:
+        propagate(coarse, bx, by, coarse.tile_level)
+
+
+@helper
+def _test_block(bx, by, lo, hi, rules, coarse, counts):
+    """Whether a triangle of depths lo..hi is hidden in block (bx, by)."""
+    cell = by * coarse.width[0] + bx
+    counts[_BLOCKS] += 1
+    hidden = hides(coarse.farthest[cell], lo, rules.ties)
+    counts[_BLOCKS_HIDDEN] += hidden
+    counts[_BLOCKS_ACCEPTED] += not hidden and hi < coarse.nearest[cell]
+    return hidden
+
+
+@helper
+def _triangle_hidden(box, lo, rules, coarse, counts):
+    """Test a triangle, or a queue entry that is one."""
+    hidden = _hidden(box, lo, rules, coarse, counts)
+    counts[_TESTED if rules.by_unit else _PAIRS] += 1
+    counts[_HIDDEN if rules.by_unit else _PAIRS_HIDDEN] += hidden
+    return hidden
+
+
+@helper
+def _begin_unit(k, q, rect, rules, work, triangles, coarse, outcome, counts):
+    """Test unit k against coarse Z; whether it is hidden. If it is not, count what the tile does for it."""
+    if rules.pairs:
+        r = work.rect[k]
+        box = (max(r[0], rect[0]), max(r[1], rect[1]), min(r[2] - 1, rect[2]), min(r[3] - 1, rect[3]))
+        counts[_PAIRS] += 1
+        if _hidden(box, work.z_min[k], rules, coarse, counts):
+            counts[_PAIRS_HIDDEN] += 1
+            outcome[q] = 1
+            return True
+    for c in range(NUM_OUTCOMES):
+        counts[c] += work.outcomes[k, c]
+    counts[_OUTSIDE] += triangles.used[k]
+    return False
+
+
+@helper
+def _work_off(
+    tile, rect, rules, queue, triangle_queue, work, triangles, order, window, pattern, depth_range, target, coarse, rows,
+    touched, outcome, counts,
 ):  # fmt: skip
-    """Rasterize the tile's triangles in submit order; in `patch` binning only those whose patch is queued here."""
+    """Work off the tile's queue in order. Of a unit those triangles are drawn that are binned to the tile.
+
+    A triangle is rasterized block by block where blocks matter, else at once. All of it stands in one function: a call for
+    each triangle would count references to all of these arrays up and down, which takes as long as a small triangle.
+    """
     sample_x, sample_y, margin = pattern
-    next_patch, end_patch = queue.first[tile], queue.first[tile + 1]
-    for q in range(triangle_queue.first[tile], triangle_queue.first[tile + 1]):
-        t = triangle_queue.item[q]
-        if by_patch:
-            patch = triangles.patch[t]
-            while next_patch < end_patch and live[queue.item[next_patch]] < patch:
-                next_patch += 1
-            if next_patch == end_patch or live[queue.item[next_patch]] != patch:
+    by_blocks = rules.blocks or rules.update == FEED_FORWARD
+    test_triangles = rules.triangles or (rules.pairs and not rules.by_unit)
+    tests = rules.pairs or test_triangles or rules.blocks or rules.update != KEEP  # coarse Z is in use
+    log2 = coarse.block_log2 if by_blocks else WHOLE_LOG2
+    place, end = triangle_queue.first[tile], triangle_queue.first[tile + 1]
+    for q in range(queue.first[tile], queue.first[tile + 1]):
+        counts[_ENTRIES] += 1
+        first, last = np.int64(queue.item[q]), np.int64(queue.item[q]) + 1
+        if rules.by_unit:
+            k = queue.item[q]
+            first, last = triangles.first[k], triangles.first[k + 1]
+            while place < end and triangle_queue.item[place] < first:
+                place += 1
+            if _begin_unit(k, q, rect, rules, work, triangles, coarse, outcome, counts):
                 continue
-        covered, passed, pixels, quads = rasterize(
-            t, rect, triangles, window, sample_x, sample_y, margin, depth_range, target.depth, target.visible
-        )
-        counts[_TRIANGLES] += 1
-        counts[_COVERED] += covered
-        counts[_PASSED] += passed
-        counts[_PS] += pixels
-        counts[_HELPERS] += 4 * quads - pixels
+        while place < end and triangle_queue.item[place] < last:
+            t = triangle_queue.item[place]
+            place += 1
+            counts[_OUTSIDE] -= rules.by_unit
+            x0, y0, x1, y1 = rect
+            lo = hi = np.float32(0.0)
+            if tests:
+                x0, y0 = max(np.int64(triangles.box[t, 0]), x0), max(np.int64(triangles.box[t, 1]), y0)
+                x1, y1 = min(np.int64(triangles.box[t, 2]), x1), min(np.int64(triangles.box[t, 3]), y1)
+                lo, hi = triangle_depths(triangles, window, t, depth_range)
+            if test_triangles and _triangle_hidden((x0, y0, x1, y1), lo, rules, coarse, counts):
+                continue
+            counts[_TRIANGLES] += 1
+            any_passed = 0
+            for by in range(y0 >> log2, (y1 >> log2) + 1):
+                for bx in range(x0 >> log2, (x1 >> log2) + 1):
+                    if rules.blocks and _test_block(bx, by, lo, hi, rules, coarse, counts):
+                        continue
+                    part = rect
+                    if by_blocks:
+                        part = (
+                            bx << log2, by << log2,
+                            min(((bx + 1) << log2) - 1, rect[2]), min(((by + 1) << log2) - 1, rect[3]),
+                        )  # fmt: skip
+                    covered, passed, pixels, quads = rasterize(
+                        t, part, triangles, window, sample_x, sample_y, margin, depth_range, target.depth, target.visible,
+                        rules.ties, order, target.order,
+                    )  # fmt: skip
+                    if by_blocks and passed > 0:
+                        whole = covered == (part[2] - part[0] + 1) * (part[3] - part[1] + 1) * len(sample_x)
+                        _merge(bx, by, lo, hi, whole, rules, coarse, counts)
+                    counts[_COVERED] += covered
+                    counts[_PASSED] += passed
+                    counts[_PS] += pixels
+                    counts[_HELPERS] += 4 * quads - pixels
+                    any_passed += passed
+            if any_passed > 0 and rules.update == RECOMPUTE:
+                _touch((x0, y0, x1, y1), rect, q, coarse, touched)
+        if rules.update == RECOMPUTE:
+            _refresh(rect, coarse, rows, target.depth.shape[2], touched, counts)
 
 
 @kernel
 def process_tiles(
-    begin, end, grid, by_patch, queue, triangle_queue, live, work, triangles, window, normal, pattern, depth_range,
-    background, shading, light, first_batch, last_batch, target, counts,
-    scratch,
+    begin, end, grid, rules, queue, triangle_queue, work, triangles, order, window, normal, pattern, depth_range,
+    background, shading, light, first_batch, last_batch, target, coarse, rows, touched, outcome, counts, scratch,
 ):  # fmt: skip
     """Work off the queues of tiles begin .. end-1, and shade what is seen at the end.
 
     queue : the modelled machine's queues. triangle_queue : the batch's triangles by tile; in `triangle` binning the same.
+    order : int64[T], submit numbers of the triangles; of no rows where neither ties nor `target.order` need them.
     pattern : sample offsets x, y (int64[S], 1/256 pixel) and their reach. depth_range : float32 viewport depth range.
-    counts : int64[tiles, NUM_TILE_COUNTS], added to. scratch : float32[pixel.SCRATCH]. `target` is modified in place.
+    rows : `coarse_z.depth_rows` of the target. outcome : uint8[entries], set to 1 where coarse Z hid a queued unit.
+    counts : int64[tiles, NUM_TILE_COUNTS], added to. scratch : float32[pixel.SCRATCH]. `target`, `coarse` modified in place.
     """
     tile_log2, tiles_x = grid.tile_log2, grid.tiles_x
     for tile in range(begin, end):
@@ -152,18 +340,13 @@ def process_tiles(
         if first_batch:
             _clear(rect, background, target)
         _forget_visible(rect, target)
-        first, end_of_queue = queue.first[tile], queue.first[tile + 1]
-        row, before = counts[tile], counts[tile, _TRIANGLES]
-        row[_ENTRIES] += end_of_queue - first
-        _rasterize_queue(
-            tile, rect, by_patch, queue, triangle_queue, live, triangles, window, pattern, depth_range, target, row
-        )
-        if by_patch:
-            for q in range(first, end_of_queue):
-                _replay_patch(queue.item[q], tile, work, row)
-                row[_OUTSIDE] += triangles.used[queue.item[q]]
-            row[_OUTSIDE] -= row[_TRIANGLES] - before
+        _work_off(
+            tile, rect, rules, queue, triangle_queue, work, triangles, order, window, pattern, depth_range, target, coarse,
+            rows, touched, outcome, counts[tile],
+        )  # fmt: skip
         shade_tile(rect, triangles, window, normal, shading, light, target, scratch)
+        if target.order.size:
+            _store_order(rect, order, target)
         if last_batch:
             if target.depth.shape[2] > 1:
                 _resolve(rect, target)

@@ -12,7 +12,7 @@ from tiler.simulation import simulate
 
 
 def warm_up(machines: Iterable[Machine] = ()) -> None:
-    """Run every kernel of a frame, and the bounds and cull tests of the machines; of all there are by default.
+    """Run every kernel of a frame, and all that the machines take besides; every bound and cull test by default.
 
     A second or less for a machine once its kernels are in the disk cache.
     """
@@ -20,8 +20,9 @@ def warm_up(machines: Iterable[Machine] = ()) -> None:
     chosen = list(machines) or [Machine(bounds=name) for name in BOUNDS] + [
         Machine(cull=(name,)) for name in CULL_TESTS
     ]
-    for bounds, cull in dict.fromkeys((machine.bounds, machine.cull) for machine in chosen):
-        simulate(scene, Machine(bounds=bounds, cull=cull), threads=1)
+    for machine in chosen:
+        plain = machine.model_copy(update={"verify": False, "queue_pool": None})
+        simulate(scene, plain, frame=1, threads=1)  # frame 1 has a last frame, which some machines draw too
 
 
 def _few_patches(scene: Scene) -> Scene:

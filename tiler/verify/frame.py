@@ -86,7 +86,7 @@ def check_frame(
     flags = hull.flag_nonfinite(patches, stage.pyramids.whole)
     broken = flags.copy()
     bounds = BOUNDS[machine.bounds](stage)
-    culled_by = run_each_cull(machine.cull, stage, bounds, flags)
+    culled_by = run_each_cull(machine.hull_cull, stage, bounds, flags)
     hull.drop_culled(stage.factors, broken)
     patterns = make_patterns(stage.factors, scene.tessellation.partitioning, front_end.WINDING)
     live = np.flatnonzero((broken == 0) & (patterns.of_patch >= 0)).astype(np.int32)
@@ -100,13 +100,14 @@ def check_frame(
         geometry = front_end.set_up_triangles(batch, shaded.clip, patterns, viewport, scene, host)
         margins = measure_margins(bounds, batch, shaded, viewport, host, geometry)
         violations += name_violations(machine.bounds, margins, batch, patterns)
-        bins = back_end.bin_batch(batch, geometry, bounds, plain, grid, host)
+        bins = back_end.bin_batch(batch, geometry, bounds, plain, grid, scene.picture.samples, host)
         back_end.run_tiles(
-            bins, batch, geometry, scene, plain, grid, target, counts, b == 0, b == len(batches) - 1, host
-        )
+            bins, batch, geometry, back_end.NO_ORDER, bounds, back_end.make_rules(plain), scene, grid, target,
+            back_end.make_coarse_z(plain, grid), counts, b == 0, b == len(batches) - 1, host,
+        )  # fmt: skip
         _note_owners(owners, target, geometry, batch)
         progress((b + 1) / len(batches))
-    lost, false_culls = _check_culls(machine.cull, culled_by, stage, packed.maps, patterns, owners, host)
+    lost, false_culls = _check_culls(machine.hull_cull, culled_by, stage, packed.maps, patterns, owners, host)
     if not lost and not false_culls:
         lost = _compare_pictures(machine, target, picture, patterns, owners)
     return Report(tuple(violations + lost), tuple(false_culls))
