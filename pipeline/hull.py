@@ -57,7 +57,8 @@ def flag_nonfinite(patches: Patches, ranges: F64) -> U8:
 
 def _fine_edges(patches: Patches) -> B1:
     """Which rows of edge_row and corner_row name finite normals alone; one more, true, answers row -1."""
-    edges, corners = np.isfinite(patches.edge_normals).all(axis=(1, 2)), np.isfinite(patches.corner_normals).all(axis=1)
+    edges = np.asarray(np.isfinite(patches.edge_normals).all(axis=(1, 2)))
+    corners = np.asarray(np.isfinite(patches.corner_normals).all(axis=1))
     edge = np.where(patches.edge_row >= 0, patches.edge_row, ~patches.edge_row)
     return np.append(edges[edge].all(axis=1) & corners[patches.corner_row].all(axis=1), True)
 
@@ -147,7 +148,7 @@ def make_input(
     mixed = (patches.rational != 0) & ((patches.tangent_id >= 0) | (patches.gregory_id >= 0))
     if mixed.any():
         raise ValueError(
-            f"rational: patch {int(mixed.argmax())} is rational and an ACC or Gregory patch; allowed: weights 1 there"
+            f"rational: patch {int(np.argmax(mixed))} is rational and an ACC or Gregory patch; allowed: weights 1 there"
         )
     return HullInput(
         patches=patches,

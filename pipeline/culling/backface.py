@@ -10,8 +10,8 @@ tests of base normals take undisplaced patches (`is_plain`); `displaced` and `te
 and take displaced patches that are one polynomial net (`is_single_net`): neither rational, nor ACC, whose displacement has
 the direction of other tangents. Where displaced patches share normals on their edges, the surface jumps there by t times
 `Patches.normal_slack`: with more than MOST_SLACK of it a patch is no single net. `tessellation_safe` counts that jump among
-what a vertex may be off by; the others answer for the surface inside. No test answers for Gregory patches (they are not the surface of 16 points), for weights
-<= 0, for an eye that is not known, and where something gives a NaN.
+what a vertex may be off by; the others answer for the surface inside. No test answers for Gregory patches (they are not the
+surface of 16 points), for weights <= 0, for an eye that is not known, and where something gives a NaN.
 """
 
 from collections.abc import Callable
@@ -32,7 +32,9 @@ class Facing(IntEnum):
 
 SILHOUETTE, FRONT, BACK = (int(f) for f in Facing)
 
-MOST_SLACK = 2.0**-12  # of a displaced patch's normals on its edges; rounding makes 2^-17, creases and corners more than 1
+MOST_SLACK = (
+    2.0**-12
+)  # of a displaced patch's normals on its edges; rounding makes 2^-17, creases and corners more than 1
 
 Classifier = Callable[[HullInput, I64], U8]
 
