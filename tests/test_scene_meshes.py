@@ -56,7 +56,9 @@ def test_a_displaced_mesh_draws_the_same_on_every_machine(basis):
     scene = mesh_scene(basis)
     reference = tiler.simulate(scene, tiler.Machine(binning="triangle", tile=16, cull=()))
     machines = [
-        tiler.Machine(binning=binning, tile=16, bounds=bound, cull=("frustum", "backface:tessellation_safe"), verify=True)
+        tiler.Machine(
+            binning=binning, tile=16, bounds=bound, cull=("frustum", "backface:tessellation_safe"), verify=True
+        )
         for bound in BOUNDS
         for binning in ("triangle", "patch")
     ]

@@ -29,7 +29,7 @@ def _wider_cone(cosine, s):
     half = 0.5 * s
     chord = s * math.sqrt(max((1.0 - half) * (1.0 + half), 0.0))
     wider = cosine * (1.0 - 2.0 * half * half) - math.sqrt(max((1.0 - cosine) * (1.0 + cosine), 0.0)) * chord - ROUND
-    return wider if cosine > 0.0 and s < 1.0 and wider > 0.0 else -1.0
+    return wider if cosine > 0.0 and wider > 0.0 else -1.0
 
 
 @kernel
