@@ -14,6 +14,7 @@ from pipeline.minmax import build_pyramids
 from pipeline.subdivision.control_points import run_control_points
 from pipeline.subdivision.surface import Basis, Surface
 from pipeline.types import (
+    B1,
     F32,
     F64,
     I32,
@@ -33,7 +34,9 @@ from pipeline.types import (
 
 
 def flag_nonfinite(patches: Patches, ranges: F64) -> U8:
-    """Cull flags, uint8[P]: NONFINITE for patches with a NaN or infinity in control points, texcoords or their map.
+    """Cull flags, uint8[P]: NONFINITE for patches with a NaN or infinity in what the domain shader reads of them.
+
+    That is control points, tangent patches, inner points, and where they are displaced texcoords, map, and shared normals.
 
     ranges : float64[L, 2] of `displacement.map_ranges`, NaN for a map that holds a NaN or infinity.
     """
@@ -48,7 +51,16 @@ def flag_nonfinite(patches: Patches, ranges: F64) -> U8:
     if displaced.any():
         map_fine = np.append(np.isfinite(ranges).all(axis=1), True)  # the last one answers map_id = -1
         fine &= map_fine[patches.map_id] & (np.isfinite(patches.texcoords).all(axis=(1, 2)) | ~displaced)
+        fine &= _fine_edges(patches)[patches.normal_id] | ~displaced
     return np.where(fine, np.uint8(CullFlag.ALIVE), np.uint8(CullFlag.NONFINITE))
+
+
+def _fine_edges(patches: Patches) -> B1:
+    """Which rows of edge_row and corner_row name finite normals alone; one more, true, answers row -1."""
+    edges = np.asarray(np.isfinite(patches.edge_normals).all(axis=(1, 2)))
+    corners = np.asarray(np.isfinite(patches.corner_normals).all(axis=1))
+    edge = np.where(patches.edge_row >= 0, patches.edge_row, ~patches.edge_row)
+    return np.append(edges[edge].all(axis=1) & corners[patches.corner_row].all(axis=1), True)
 
 
 def surface_patches(surface: Surface, vertices: F32, map_id: int, object_id: int) -> Patches:
@@ -130,8 +142,14 @@ def make_input(
     """The input of bounds and cull tests, with what is not given: whole patches, factors 1, no eye, no face cull.
 
     partitioning : how the tessellator will round the factors; what is said of ANY holds for all.
+    Raises ValueError for a rational patch with tangent patches or Gregory points: there are none, nothing is right for them.
     """
     n = len(patches.control_points)
+    mixed = (patches.rational != 0) & ((patches.tangent_id >= 0) | (patches.gregory_id >= 0))
+    if mixed.any():
+        raise ValueError(
+            f"rational: patch {int(np.argmax(mixed))} is rational and an ACC or Gregory patch; allowed: weights 1 there"
+        )
     return HullInput(
         patches=patches,
         maps=maps,

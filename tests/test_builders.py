@@ -15,6 +15,7 @@ from tiler.scene.catalog import scene_names, scene_summaries
 from tiler.scene.maps import MAPS
 
 SCENES = {"teapot": 32, "waves": 1024, "spikelog": 96, "colonnade": 4896}
+SURFACES = {"creature": 3104, "creature_small": 104}
 
 # The control points of each edge, and those of the row next to it, both in the direction of the rising parameter.
 EDGES = {
@@ -59,10 +60,24 @@ def test_scenes_are_complete_and_finite(name, count):
     assert scene.title and scene.frames >= 48 and scene.picture.width / scene.picture.height == 16 / 9
 
 
+@pytest.mark.parametrize(("name", "count"), SURFACES.items())
+def test_surface_scenes_are_complete_and_finite(name, count):
+    scene = load_scene(name)
+    assert scene.num_patches == count and len(scene.control_points) == 0
+    (mesh,) = scene.meshes
+    surface = mesh.surface
+    assert surface.num_patches == count and 0 <= mesh.map_id < len(scene.maps)
+    assert len(mesh.vertices) == scene.num_vertices == surface.num_vertices == surface.used_vertices
+    for array in (mesh.vertices, surface.texcoords, scene.transforms, *(m.texels for m in scene.maps)):
+        assert array.dtype == np.float32 and array.flags.c_contiguous and np.isfinite(array).all()
+    assert scene.title and scene.frames == 96 and scene.picture.width / scene.picture.height == 16 / 9
+
+
 def test_summaries_agree_with_the_scenes():
     summaries = {summary.name: summary for summary in scene_summaries()}
-    assert sorted(summaries) == scene_names() == sorted(SCENES)
-    for name, count in SCENES.items():
+    counts = SCENES | SURFACES
+    assert sorted(summaries) == scene_names() == sorted(counts)
+    for name, count in counts.items():
         scene = load_scene(name)
         assert (summaries[name].patches, summaries[name].title, summaries[name].frames) == (
             count,
@@ -115,6 +130,8 @@ DIGESTS = {
     "waves": "1278a1817ac490d5",
     "spikelog": "fe443febfbdcef23",
     "colonnade": "f5ec39b52d897ccb",
+    "creature": "f6aaa98719a511b1",
+    "creature_small": "06ac39c77cad3017",
 }
 
 
@@ -125,6 +142,12 @@ def test_the_same_bits_everywhere(name, digest):
     content = hashlib.sha256()
     for array in (scene.control_points, scene.texcoords, scene.transforms, *(m.texels for m in scene.maps)):
         content.update(array.tobytes())
+    for mesh in scene.meshes:
+        for array in (mesh.vertices, mesh.surface.texcoords, mesh.surface.edge_row, mesh.surface.corner_row):
+            content.update(array.tobytes())
+    for motion in scene.motions:
+        for value in motion or ():
+            content.update(value.tobytes() if isinstance(value, np.ndarray) else str(value).encode())
     assert content.hexdigest()[:16] == digest
 
 

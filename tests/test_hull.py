@@ -9,8 +9,10 @@ import pytest
 from pipeline import hull
 from pipeline.culling import CULL_TESTS
 from pipeline.displacement import map_ranges
+from pipeline.subdivision.surface import Basis, make_surface
 from pipeline.tessellator import make_patterns
 from pipeline.types import CullFlag, TessFactors, Viewport
+from tests.cages import read_model
 from tests.naive_domain import NaiveMap
 from tests.test_bounds import any_stage, corner_bounds, look, random_camera
 from tests.test_domain import make_one, pack, rational_patch, reorient, smooth_patch
@@ -211,6 +213,48 @@ def test_every_non_finite_number_is_flagged(bad):
     expected = [CullFlag.ALIVE] + [CullFlag.NONFINITE] * 3 + [CullFlag.ALIVE]
     flags = hull.flag_nonfinite(patches, ranges)
     assert flags.dtype == np.uint8 and flags.tolist() == expected
+
+
+TABLES = ("tangent_u", "tangent_v", "inner", "edge_normals", "corner_normals")
+
+
+@pytest.mark.parametrize("table", TABLES)
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_tables_count_for_the_patches_that_use_them(table, bad):
+    basis = Basis.GREGORY if table == "inner" else Basis.ACC
+    surface, _ = make_surface(read_model("subdbox")[1], basis)
+    patches = hull.surface_patches(surface, read_model("subdbox")[0], 0, 0)
+    ranges = np.zeros((1, 2))
+    assert (hull.flag_nonfinite(patches, ranges) == CullFlag.ALIVE).all()
+    rows = getattr(patches, table).copy()
+    rows[7].flat[1] = bad
+    broken = patches._replace(**{table: rows})
+    uses = {
+        "tangent_u": patches.tangent_id == 7,
+        "tangent_v": patches.tangent_id == 7,
+        "inner": patches.gregory_id == 7,
+        "edge_normals": ((patches.edge_row == 7) | (patches.edge_row == ~7)).any(axis=1),
+        "corner_normals": (patches.corner_row == 7).any(axis=1),
+    }[table]
+    assert 1 <= uses.sum() <= 7
+    np.testing.assert_array_equal(hull.flag_nonfinite(broken, ranges) == CullFlag.NONFINITE, uses)
+    if table.endswith("normals"):  # nobody reads them where nothing is displaced
+        still = broken._replace(map_id=np.full_like(patches.map_id, -1))
+        assert (hull.flag_nonfinite(still, ranges) == CullFlag.ALIVE).all()
+        one = np.array([np.flatnonzero(uses)[0]])
+        assert hull.flag_nonfinite(broken.take(one), ranges).tolist() == [CullFlag.NONFINITE]
+
+
+@pytest.mark.parametrize("table", ["tangent_id", "gregory_id"])
+def test_rational_surface_patches_are_refused(table):
+    cp = np.stack([smooth_patch(np.random.default_rng(0), 0.1), rational_patch(np.random.default_rng(0), 0.1)])
+    patches = make_one(cp)
+    rows = np.array([-1, 0], np.int32)
+    with pytest.raises(
+        ValueError, match="rational: patch 1 is rational and an ACC or Gregory patch; allowed: weights 1"
+    ):
+        hull.make_input(patches._replace(**{table: rows}), pack([]), np.eye(4, dtype=np.float32), VIEWPORT)
+    hull.make_input(patches._replace(**{table: rows[::-1]}), pack([]), np.eye(4, dtype=np.float32), VIEWPORT)
 
 
 def test_flags_without_maps_and_without_patches():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import tiler
+from pipeline.bounds import BOUNDS
 from tests.scenes import sliced
 from tiler import front_end
 from tiler.config import Machine
@@ -29,7 +30,7 @@ VIEWS = ("camera", "sliced")
 @pytest.fixture
 def view(load, request) -> Scene:
     name, how, samples = request.param
-    factor = 3 if name == "colonnade" else 5
+    factor = {"colonnade": 3, "creature": 2}.get(name, 5)
     scene = load(name, size=(104, 60), factor=factor, samples=samples)
     return sliced(scene) if how == "sliced" else scene
 
@@ -219,10 +220,29 @@ def test_of_two_equal_surfaces_the_first_stays(samples, load):
         assert doubled.counters["om_samples_passed"] == once.counters["om_samples_passed"]
 
 
+SAFE_CULLS = ((), ("frustum",), ("frustum:world",), ("frustum:object", "backface:tessellation_safe"))
+
+
+@pytest.mark.parametrize("how", VIEWS)
+@pytest.mark.parametrize(("name", "factor"), [("creature_small", 7), ("creature", 2)])
+def test_displaced_surfaces_draw_the_same_with_every_bound_and_cull(name, factor, how, load):
+    """ACC patches and exact ones, displaced along normals that they share on their edges; the face cull is on."""
+    scene = load(name, size=(104, 60), factor=factor)
+    scene = replace(sliced(scene) if how == "sliced" else scene, face_cull="back")
+    reference = tiler.simulate(scene, SIMPLEST, threads=1)
+    assert reference.counters["om_samples_visible"] > 400
+    culled = 0
+    for k, (bound, cull) in enumerate(product(BOUNDS, SAFE_CULLS)):
+        binning, cache = BINNING[k % 3]
+        machine = Machine(tile=TILES[k % 5], binning=binning, domain_cache=cache, bounds=bound, cull=cull)
+        frame = tiler.simulate(scene, machine, threads=1 + k % 2)
+        assert_same_picture(frame, reference, machine)
+        culled += frame.counters["hs_culled_backface"] if name == "creature" else frame.counters["hs_culled_frustum"]
+    assert culled > 0 or (name, how) == ("creature_small", "camera")
+
+
 def test_a_bound_that_is_too_tight_shows(load, monkeypatch):
     """The tests above can fail: where a patch's rectangle is cut by a tile, the tile lacks what the patch would draw."""
-    from pipeline.bounds import BOUNDS
-
     scene = load("teapot", size=(104, 60), factor=5)
     reference = tiler.simulate(scene, SIMPLEST)
     bound = BOUNDS["cbox"]

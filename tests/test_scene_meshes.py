@@ -1,16 +1,16 @@
 """Control meshes in scenes: drawn the same in both binnings, counted as defined, moved by keys and bones, read from files."""
 
-import sys
 from dataclasses import replace
-from types import ModuleType
 
 import numpy as np
 import pytest
 
 import tiler
 from pipeline.animate import Motion, pose, transform_at
+from pipeline.bounds import BOUNDS
+from pipeline.culling import CULL_TESTS
 from pipeline.subdivision.surface import Basis, make_surface
-from tests.cages import BOX_FACES, BOX_POINTS, box, cage_of_faces, control_mesh
+from tests.cages import BOX_FACES, BOX_POINTS, box
 from tests.naive_machine import simulate_naively
 from tests.scenes import flat_patch, looking_along_y, patch_scene
 from tiler.front_end import run_vertex_shader
@@ -50,12 +50,27 @@ def test_both_binnings_draw_the_same(basis):
     assert colors >= 4  # background, wall, and at least two faces of the box
 
 
-def test_a_displaced_mesh_draws_the_same_in_both_binnings():
-    scene = mesh_scene()
-    frames = [tiler.simulate(scene, tiler.Machine(binning=b, tile=16, cull=())) for b in ("triangle", "patch")]
-    np.testing.assert_array_equal(frames[0].color, frames[1].color)
-    plain = tiler.simulate(mesh_scene(displaced=False), tiler.Machine(tile=16, cull=()))
-    assert (plain.depth != frames[0].depth).any()
+@by_basis
+def test_a_displaced_mesh_draws_the_same_on_every_machine(basis):
+    """Both binnings, every bound, every cull that answers for triangles or for the frustum; verified on the way."""
+    scene = mesh_scene(basis)
+    reference = tiler.simulate(scene, tiler.Machine(binning="triangle", tile=16, cull=()))
+    machines = [
+        tiler.Machine(
+            binning=binning, tile=16, bounds=bound, cull=("frustum", "backface:tessellation_safe"), verify=True
+        )
+        for bound in BOUNDS
+        for binning in ("triangle", "patch")
+    ]
+    machines += [tiler.Machine(binning="patch", cull=(name,), verify=True) for name in CULL_TESTS]
+    for machine in machines:
+        frame = tiler.simulate(scene, machine)
+        assert not frame.violations, (machine, frame.violations[:3])
+        if not frame.false_culls:
+            np.testing.assert_array_equal(frame.color, reference.color, str(machine))
+            np.testing.assert_array_equal(frame.depth.view(np.uint32), reference.depth.view(np.uint32), str(machine))
+    plain = tiler.simulate(mesh_scene(basis, displaced=False), tiler.Machine(tile=16, cull=()))
+    assert (plain.depth != reference.depth).any()
 
 
 @by_basis
@@ -180,27 +195,34 @@ refine = "uniform"
 """
 
 
+def obj_text(faces=BOX_FACES, textured=True, objects=1):
+    """An OBJ file of so many boxes, `faces` their lists of vertices; each face has the unit square as texture."""
+    lines = [f"vt {s} {t}" for s, t in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    for k in range(objects):
+        lines += [f"o box{k}", *(f"v {x} {y} {z}" for x, y, z in BOX_POINTS + k * np.float32(3))]
+        for face in faces:
+            corners = [f"{8 * k + v + 1}/{c + 1}" if textured else f"{8 * k + v + 1}" for c, v in enumerate(face)]
+            lines.append("f " + " ".join(corners))
+    return "\n".join(lines) + "\n"
+
+
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """A folder with a scene file; its mesh file is read by a stand-in that answers `folder.meshes`."""
-    points, cage = box()
-    module = ModuleType("tiler.scene.mesh_files")
-    module.meshes = [control_mesh(points, cage)]
-    module.read_mesh = lambda path: (module.meshes, ())
-    monkeypatch.setitem(sys.modules, "tiler.scene.mesh_files", module)
+def folder(tmp_path):
+    """A folder with a scene file and its mesh."""
+    (tmp_path / "box.obj").write_text(obj_text())
     (tmp_path / "scene.toml").write_text(SCENE)
-    return tmp_path, module
+    return tmp_path
 
 
 def test_a_scene_file_with_a_mesh(folder):
-    path, module = folder
-    scene = tiler.load_scene(path / "scene.toml")
+    scene = tiler.load_scene(folder / "scene.toml")
     assert scene.num_patches == 24 and scene.num_vertices == 8 and scene.motions == ()
     assert scene.meshes[0].surface.basis == Basis.ACC
-    module.meshes *= 2  # several meshes of a file are one object
-    (path / "scene.toml").write_text(SCENE.replace('refine = "uniform"', 'basis = "gregory"\nanimation = "move.npz"'))
-    np.savez(path / "move.npz", frames=[0, 3], transforms=np.stack([IDENTITY, IDENTITY]), interpolation="catmull_rom")
-    scene = tiler.load_scene(path / "scene.toml")
+    np.testing.assert_array_equal(scene.meshes[0].vertices, BOX_POINTS)
+    (folder / "box.obj").write_text(obj_text(objects=2))  # several meshes of a file are one object
+    (folder / "scene.toml").write_text(SCENE.replace('refine = "uniform"', 'basis = "gregory"\nanimation = "move.npz"'))
+    np.savez(folder / "move.npz", frames=[0, 3], transforms=np.stack([IDENTITY, IDENTITY]), interpolation="catmull_rom")
+    scene = tiler.load_scene(folder / "scene.toml")
     assert scene.num_patches == 12 and scene.num_vertices == 16 and len(scene.motions) == 1
     assert scene.motions[0].interpolation == "catmull_rom" and scene.meshes[0].surface.basis == Basis.GREGORY
 
@@ -218,27 +240,24 @@ def test_a_scene_file_with_a_mesh(folder):
     ],
 )
 def test_errors_of_scene_files(folder, line, text):
-    path, _ = folder
-    (path / "scene.toml").write_text(SCENE.replace('mesh = "box.obj"\nrefine = "uniform"', line))
+    (folder / "scene.toml").write_text(SCENE.replace('mesh = "box.obj"\nrefine = "uniform"', line))
     with pytest.raises(tiler.TilerError) as error:
-        tiler.load_scene(path / "scene.toml")
+        tiler.load_scene(folder / "scene.toml")
     assert text in str(error.value)
 
 
 def test_a_displaced_mesh_needs_texture_coordinates(folder):
-    path, module = folder
-    (path / "scene.toml").write_text(SCENE + '[object.displacement]\nmap = "stones"\n')
-    module.meshes = [module.meshes[0]._replace(face_texcoords=np.full(24, -1, np.int32))]
+    (folder / "scene.toml").write_text(SCENE + '[object.displacement]\nmap = "stones"\n')
+    assert tiler.load_scene(folder / "scene.toml").num_patches == 24
+    (folder / "box.obj").write_text(obj_text(textured=False))
     with pytest.raises(tiler.TilerError, match="without texture coordinates"):
-        tiler.load_scene(path / "scene.toml")
+        tiler.load_scene(folder / "scene.toml")
 
 
 def test_a_mesh_that_is_no_surface(folder):
-    path, module = folder
-    cage = cage_of_faces([*BOX_FACES[:5], BOX_FACES[5][::-1]], 8)
-    module.meshes = [control_mesh(BOX_POINTS, cage)]
+    (folder / "box.obj").write_text(obj_text([*BOX_FACES[:5], BOX_FACES[5][::-1]]))
     with pytest.raises(tiler.TilerError, match=r"scene.toml:9: object\[0\].mesh.* in the same direction"):
-        tiler.load_scene(path / "scene.toml")
+        tiler.load_scene(folder / "scene.toml")
 
 
 MOTIONS = {

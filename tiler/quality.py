@@ -161,7 +161,9 @@ def random_stage(n: int = 500, seed: int = 0) -> HullInput:
 
 
 def quality_table(
-    scenes: Sequence[str] = ("waves", "spikelog", RANDOM), names: Sequence[str] | None = None, splits: int = 0
+    scenes: Sequence[str] = ("waves", "spikelog", "creature", RANDOM),
+    names: Sequence[str] | None = None,
+    splits: int = 0,
 ) -> list[Quality]:
     """Quality of each bound on each scene's first frame. names : of `BOUNDS`, all without; splits : see the module."""
     return [row for scene in scenes for row in measure(scene, scene_stage(scene), names, splits)]

@@ -28,6 +28,7 @@ from pipeline.bounds.cones import TANGENT, U, combine_tangent_cones, widen
 from pipeline.bounds.fit import AXES, COSINE, SINE
 from pipeline.bounds.lanes import LANES, load_domains, load_points, load_row, most4, restrict_rows, scratch
 from pipeline.bounds.obb_frame import cross
+from pipeline.bounds.shared_normals import widen_normals
 from pipeline.jit import helper, inlined, kernel
 from pipeline.types import F64, HullInput
 
@@ -391,4 +392,5 @@ def bound_normals(stage: HullInput, boxes: F64, kind: int) -> F64:
         patches.tangent_u, patches.tangent_v, stage.domain, boxes, kind, scratch(ROWS), todo, out,
     ):  # fmt: skip
         scalar_normals.bound_normals(stage, np.flatnonzero(todo), boxes, kind == NPATCH, kind == TPATCH_TIGHT, out)
+    widen_normals(stage, out)
     return out

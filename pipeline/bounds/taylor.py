@@ -20,8 +20,9 @@ Why it holds for what float32 computes (u = 2^-24); terms of second order are co
 - a vector n off by e changes direction by at most asin(e / |n|), and its unit by at most sqrt 2 e / |n|; making it unit
   rounds by 4 u. Where e >= |n| is possible the unit box stands.
 
-Patches with tangent patches (ACC) have n from those, nets of the same degrees; Gregory patches get the unit box. The normal
-cone is that of `npatch`; the models give none.
+Patches with tangent patches (ACC) have n from those, nets of the same degrees; Gregory patches get the unit box. Normals that
+patches share on their edges count as an error of n^ (`shared_normals`). The normal cone is that of `npatch`; the models
+give none.
 
 float64 rounding is carried along by the models (2^-46 of their coefficients); that of the control points over the domain
 and in the frame, 2^-48 of the largest, is below the u that the constants leave.
@@ -38,6 +39,7 @@ from pipeline.bounds.lookup import displacement_ranges
 from pipeline.bounds.normals import NPATCH, bound_normals
 from pipeline.bounds.project import allocate, project_boxes
 from pipeline.bounds.restrict import project_net, restrict_patch
+from pipeline.bounds.shared_normals import slack_of
 from pipeline.jit import helper, kernel
 from pipeline.types import F64, U8, HullInput, PatchBounds
 
@@ -301,6 +303,8 @@ def _bound(p, patches, domain, boxes, reach, normals, clamped, work, bounds):
     if not rational and patches.gregory_id[p] < 0 and t_most > 2.0**-60 * size:
         longest_u, longest_v = _rotate_steps(cp, patches.tangent_id[p], patches.tangent_u, patches.tangent_v, work)
         valid, n_error = _unit_normal_model(u0, u1, v0, v1, longest_u, longest_v, work)
+        n_error += slack_of(patches, domain, p)
+        valid &= n_error < 1.0
     errors = position_errors(cp, patches.rational[p])
     for r in range(3):
         axis = work.axes[r]

@@ -8,8 +8,10 @@ back, and so it does here.
 Which patches a test answers for is decided here, in one place. A displaced surface has another normal than its base, so the
 tests of base normals take undisplaced patches (`is_plain`); `displaced` and `tessellation_safe` bound the displaced normal,
 and take displaced patches that are one polynomial net (`is_single_net`): neither rational, nor ACC, whose displacement has
-the direction of other tangents. No test answers for Gregory patches (they are not the surface of 16 points), for weights
-<= 0, for an eye that is not known, and where something gives a NaN.
+the direction of other tangents. Where displaced patches share normals on their edges, the surface jumps there by t times
+`Patches.normal_slack`: with more than MOST_SLACK of it a patch is no single net. `tessellation_safe` counts that jump among
+what a vertex may be off by; the others answer for the surface inside. No test answers for Gregory patches (they are not the
+surface of 16 points), for weights <= 0, for an eye that is not known, and where something gives a NaN.
 """
 
 from collections.abc import Callable
@@ -29,6 +31,10 @@ class Facing(IntEnum):
 
 
 SILHOUETTE, FRONT, BACK = (int(f) for f in Facing)
+
+MOST_SLACK = (
+    2.0**-12
+)  # of a displaced patch's normals on its edges; rounding makes 2^-17, creases and corners more than 1
 
 Classifier = Callable[[HullInput, I64], U8]
 
@@ -56,7 +62,8 @@ def is_plain(patches: Patches, numbers: I64) -> B1:
 
 def is_single_net(patches: Patches, numbers: I64) -> B1:
     """Which of the patches `numbers` follow from one net of points, all weights 1, displaced along its own normal or not."""
-    bezier = (patches.map_id[numbers] < 0) | (patches.tangent_id[numbers] < 0)
+    own_normal = (patches.tangent_id[numbers] < 0) & (patches.normal_slack[numbers] <= MOST_SLACK)
+    bezier = (patches.map_id[numbers] < 0) | own_normal
     return bezier & (patches.gregory_id[numbers] < 0) & (patches.rational[numbers] == 0)
 
 

@@ -342,6 +342,7 @@ def bound_part(p, patches, maps, pyramids, along_s, along_t, eye, eye_error, u0,
     # The shader's normal: 40 u of the longest tangents' product (`bounds.cones`), and its unit; the whole patch's.
     part = (u1 - u0) * (v1 - v0)
     turned = 40.0 * U * long_a * long_b * part / least + 4.0 * U
+    turned += np.float64(patches.normal_slack[p]) if patches.normal_id[p] >= 0 else 0.0  # normals shared on edges
     bias = abs(np.float64(maps.bias[patches.map_id[p]])) if patches.map_id[p] >= 0 else 0.0
     shift = farthest * turned + off + U * (16.0 * farthest + 16.0 * bias)
     if not turned < 0.01:

@@ -25,6 +25,7 @@ from pipeline.types import F32, F64
 
 GREGORY = int(Basis.GREGORY)
 U = 2.0**-24
+FINE_SLACK, SLACK_LEVELS = 2.0**-12, 4  # bounds of slack above the first are looked at again on halves of the edge
 
 
 class Nets(NamedTuple):
@@ -340,28 +341,68 @@ def _least_length(n):
 
 
 @helper
-def _edge_slack(n, row, with_edge):
+def _halve(curve, first, second):
+    """Both halves of a curve of degree 5 (de Casteljau); `second` may be `curve`."""
+    for c in range(3):
+        a0, a1, a2, a3, a4, a5 = curve[0, c], curve[1, c], curve[2, c], curve[3, c], curve[4, c], curve[5, c]
+        first[0, c], second[5, c] = a0, a5
+        a0, a1, a2, a3, a4 = 0.5 * (a0 + a1), 0.5 * (a1 + a2), 0.5 * (a2 + a3), 0.5 * (a3 + a4), 0.5 * (a4 + a5)
+        first[1, c], second[4, c] = a0, a4
+        a0, a1, a2, a3 = 0.5 * (a0 + a1), 0.5 * (a1 + a2), 0.5 * (a2 + a3), 0.5 * (a3 + a4)
+        first[2, c], second[3, c] = a0, a3
+        a0, a1, a2 = 0.5 * (a0 + a1), 0.5 * (a1 + a2), 0.5 * (a2 + a3)
+        first[3, c], second[2, c] = a0, a2
+        a0, a1 = 0.5 * (a0 + a1), 0.5 * (a1 + a2)
+        first[4, c], second[1, c] = a0, a1
+        first[5, c] = second[0, c] = 0.5 * (a0 + a1)
+
+
+@helper
+def _greatest_length(n):
+    most = 0.0
+    for k in range(6):
+        most = max(most, math.sqrt(n[k, 0] * n[k, 0] + n[k, 1] * n[k, 1] + n[k, 2] * n[k, 2]))
+    return most
+
+
+@helper
+def _edge_slack(n, row, with_edge, pieces):
     """Bound of the distance between the unit vectors of two curves of degree 5: n (6, 3), and `row`, the edge's.
 
     With M = row, N = n times what brings it closest to M: |N/|N| - M/|M|| <= 2 |N - M| / |M|. A difference is at most its
     greatest control vector. The rounding of the edge's six products and sums in float32, at most 16 u of the greatest
-    control vector, counts as difference.
+    control vector, counts as difference. Where the Bernstein coefficients do not show that M is well away from zero, the
+    curves are halved, up to SLACK_LEVELS times. pieces : float64[3, SLACK_LEVELS + 1, 6, 3], scratch.
     """
-    own, total, most = 0.0, 0.0, 0.0
+    own, total = 0.0, 0.0
+    difference, edge, most = pieces[0], pieces[1], 0.0
     for k in range(6):
-        r = row[k if with_edge else 5 - k]
-        own += n[k, 0] * r[0] + n[k, 1] * r[1] + n[k, 2] * r[2]
-        total += n[k, 0] * n[k, 0] + n[k, 1] * n[k, 1] + n[k, 2] * n[k, 2]
-    least = _least_length(row)
-    if not (total > 0.0 and least > 0.0):
+        for c in range(3):
+            edge[0, k, c] = row[k if with_edge else 5 - k, c]
+            own += n[k, c] * edge[0, k, c]
+            total += n[k, c] * n[k, c]
+    if not (total > 0.0 and own > 0.0):  # a negative multiple of N would be close to M where N is opposite to it
         return 2.0
     scale = own / total
     for k in range(6):
-        r = row[k if with_edge else 5 - k]
-        dx, dy, dz = scale * n[k, 0] - r[0], scale * n[k, 1] - r[1], scale * n[k, 2] - r[2]
-        size = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
-        most = max(most, math.sqrt(dx * dx + dy * dy + dz * dz) + 16.0 * U * size)
-    return min(2.0 * most / least + 4.0 * U, 2.0)
+        for c in range(3):
+            difference[0, k, c] = scale * n[k, c] - edge[0, k, c]
+    rounding = 16.0 * U * _greatest_length(edge[0])
+    depth, top = pieces[2, :, 0, 0], 0  # a stack: its pieces' levels, and the piece to look at
+    depth[0] = 0.0
+    while top >= 0:
+        least = _least_length(edge[top])
+        slack = 2.0 * (_greatest_length(difference[top]) + rounding) / least if least > 0.0 else 2.0
+        if slack > FINE_SLACK and depth[top] < SLACK_LEVELS:
+            _halve(difference[top], difference[top + 1], difference[top])
+            _halve(edge[top], edge[top + 1], edge[top])
+            depth[top] += 1.0
+            depth[top + 1] = depth[top]
+            top += 1
+            continue
+        most = max(most, slack)
+        top = top - 1 if most < 2.0 else -1
+    return min(most + 4.0 * U, 2.0)
 
 
 @helper
@@ -375,7 +416,7 @@ def _corner_slack(x, y, z, corner):
 
 @kernel
 def _fill_slack(layer, basis, first, irregular, edge_base, corner_base, nets, out, edge_normals, corner_normals, slack):
-    n = nets.n
+    n, pieces = nets.n, np.empty((3, SLACK_LEVELS + 1, 6, 3))
     for m in range(len(layer.quad)):
         _rounded_nets(layer, m, basis, out.control_points[first + m], irregular, out, nets)
         irregular += layer.regular[m] == 0
@@ -383,7 +424,7 @@ def _fill_slack(layer, basis, first, irregular, edge_base, corner_base, nets, ou
         for k in range(4):
             _edge_normal_net(nets.tu, nets.tv, k, n)
             with_edge = (layer.along[m, k] == 1) == (k < 2)
-            most = max(most, _edge_slack(n, edge_normals[edge_base + layer.edge[m, k]], with_edge))
+            most = max(most, _edge_slack(n, edge_normals[edge_base + layer.edge[m, k]], with_edge, pieces))
             h = 0 if k < 2 else 5
             corner = corner_normals[corner_base + layer.quad[m, k]]
             most = max(most, _corner_slack(n[h, 0], n[h, 1], n[h, 2], corner))

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.types import F32, F64
+from pipeline.types import F32, F64, Patches
 from tiler.validation.families import Batch
 
 
@@ -34,30 +34,56 @@ def gather_around(uv: F32, center: F64, domain: F64, rng: np.random.Generator) -
     uv[:, inside, half] = center[:, inside]
 
 
+def _shake(rng: np.random.Generator, table: F32, step: F64) -> F32:
+    """A table of vectors, float32[n, ...], some of them moved by `step` float64[n] of the row's largest coordinate."""
+    rows = (slice(None), *(None,) * (table.ndim - 1))
+    size = abs(table).max(axis=tuple(range(1, table.ndim)), initial=0.0).astype(np.float64)
+    where = rng.random(table.shape) < 0.1
+    with np.errstate(over="ignore"):
+        return (table + where * rng.normal(size=table.shape) * (step * size)[rows]).astype(np.float32)
+
+
 def mutate(batch: Batch, rng: np.random.Generator) -> Batch:
-    """Every patch changed a little or a lot: some control points, texture coordinates, texels."""
+    """Every patch changed a little or a lot: some control points, tangents, inner points, texture coordinates, texels.
+
+    Patches that share normals keep their points: those would no longer belong together.
+    """
+    old = batch.patches
     n = len(batch.control_points)
     step = 2.0 ** rng.uniform(-24, -1, (n, 1, 1, 1))
     size = abs(batch.control_points).max(axis=(1, 2), keepdims=True).astype(np.float64)
     where = rng.random((n, 4, 4, 4)) < rng.choice([0.02, 0.1, 0.5], (n, 1, 1, 1))
     where[..., 3] &= (batch.control_points[..., 3] != 1.0).any(axis=(1, 2))[:, None, None]  # polynomial patches stay so
+    where &= (old.normal_id < 0)[:, None, None, None]
     with np.errstate(over="ignore"):
         cp = (batch.control_points + where * step * rng.normal(size=(n, 4, 4, 4)) * size).astype(np.float32)
     cp[..., 3] = np.where(cp[..., 3] > 0, cp[..., 3], batch.control_points[..., 3])
     move = rng.random((n, 4, 2)) < 0.2
-    texcoords = (batch.texcoords + move * rng.normal(size=(n, 4, 2)) * step[..., 0]).astype(np.float32)
+    texcoords = (old.texcoords + move * rng.normal(size=(n, 4, 2)) * step[..., 0]).astype(np.float32)
     maps = []
     for texels, address, scale, bias in batch.maps:
         change = (rng.random(texels.shape) < 0.2) * rng.normal(size=texels.shape) * 2.0 ** rng.uniform(-12, 0)
         maps.append(((texels + change).astype(np.float32), address, scale, bias))
-    return batch._replace(control_points=cp, texcoords=texcoords, maps=maps)
+    shaken: dict[str, Any] = {name: _shake(rng, getattr(old, name), step.ravel()) for name in own_tables(old)}
+    return batch._replace(patches=old._replace(control_points=cp, texcoords=texcoords, **shaken), maps=maps)
+
+
+def own_tables(patches: Patches) -> tuple[str, ...]:
+    """Tables with a row for each patch, its own and of its number, so that rows can be changed by themselves."""
+    if (patches.normal_id >= 0).any():
+        return ()
+    names = ("tangent_u", "tangent_v", "inner")
+    return tuple(name for name in names if len(getattr(patches, name)) == len(patches.control_points))
 
 
 def take(old: Batch, new: Batch, rows: Any) -> Batch:
     """`old` with these patches of `new`, each with its map."""
-    cp, texcoords, maps = old.control_points.copy(), old.texcoords.copy(), list(old.maps)
-    cp[rows], texcoords[rows] = new.control_points[rows], new.texcoords[rows]
+    maps = list(old.maps)
+    changed: dict[str, Any] = {}
+    for name in ("control_points", "texcoords", *own_tables(old.patches)):
+        changed[name] = getattr(old.patches, name).copy()
+        changed[name][rows] = getattr(new.patches, name)[rows]
     for p in rows:
-        if old.map_id[p] >= 0:
-            maps[old.map_id[p]] = new.maps[old.map_id[p]]
-    return old._replace(control_points=cp, texcoords=texcoords, maps=maps)
+        if old.patches.map_id[p] >= 0:
+            maps[old.patches.map_id[p]] = new.maps[old.patches.map_id[p]]
+    return old._replace(patches=old.patches._replace(**changed), maps=maps)

@@ -7,9 +7,10 @@ import numpy as np
 
 from pipeline import hull
 from pipeline.displacement import pack_maps
-from pipeline.types import F32, F64, I32, Address, FaceCull, HullInput, Partitioning, TessFactors, Viewport
+from pipeline.types import F32, F64, I32, Address, FaceCull, HullInput, Partitioning, Patches, TessFactors, Viewport
 from pipeline.vertex import make_patches
 from tiler.scene.camera import Camera
+from tiler.validation.surfaces import MESHES, NETS, mesh_patches
 
 PATCHES = 256  # of a random batch
 
@@ -139,7 +140,10 @@ FAMILIES: tuple[tuple[str, str, str], ...] = (
     ("needle", "noise", ""), ("smooth", "plain", "tiny"), ("smooth", "noise", "tiny"), ("smooth", "plain", "huge"),
     ("rational", "noise", "huge"), ("smooth", "plain", "far away"), ("smooth", "noise", "far away"),
     ("degenerate", "plain", "far away"), ("bad weights", "noise", ""), ("rational degenerate", "plain", ""),
-    ("degenerate", "spikes", "huge"),
+    ("degenerate", "spikes", "huge"), ("smooth ACC", "plain", ""), ("smooth ACC", "noise", ""),
+    ("degenerate ACC", "constant", ""), ("smooth ACC", "spikes", "far away"), ("smooth Gregory", "plain", ""),
+    ("smooth Gregory", "noise", ""), ("degenerate Gregory", "steps", "huge"), ("ACC mesh", "plain", ""),
+    ("ACC mesh", "noise", ""), ("ACC mesh", "constant", "tiny"), ("Gregory mesh", "spikes", ""),
 )  # fmt: skip
 
 
@@ -147,16 +151,19 @@ class Batch(NamedTuple):
     """Patches with all that is needed to bound, shade and change them. Maps are kept apart so that they can be changed."""
 
     name: str
-    control_points: F32  # (P, 4, 4, 4)
-    texcoords: F32  # (P, 4, 2)
+    patches: Patches
     maps: Texels
-    map_id: I32  # (P,)
     domain: F64  # (P, 4) multiples of 2^-16
     camera: Camera
     viewport: Viewport
     face_cull: FaceCull
     factors: TessFactors
     partitioning: Partitioning
+
+    @property
+    def control_points(self) -> F32:
+        """(P, 4, 4, 4)."""
+        return self.patches.control_points
 
 
 def _look(eye: F64, target: F64, near: float, far: float, rng: np.random.Generator) -> F32:
@@ -206,24 +213,33 @@ def make_batch(seed: int, number: int, n: int = PATCHES) -> Batch:
     """Batch `number` of a seed: n patches of one family, seen by one camera."""
     rng = np.random.default_rng([seed, number])
     shape, kind, place = FAMILIES[number % len(FAMILIES)]
-    net = SHAPES[shape](rng, n)
+    base, _, nets = shape.partition(" ") if shape.split()[-1] in NETS else (shape, "", "")
+    net = None if shape in MESHES else SHAPES[base](rng, n)
     scale = _scale_of(place, rng)
-    net[..., :3] *= scale
     shift = np.zeros(3)
     if place == "far away":
         shift = rng.normal(size=3) * 10.0 ** rng.uniform(2, 6)
+    if net is not None:
+        net[..., :3] *= scale
         net[..., :3] += shift * net[..., 3:]
     count = 1 if kind == "plain" else n
     maps: Texels = []
     for _ in range(count):
         texels, factor, bias = MAPS[kind](rng)
         maps.append((texels, Address(int(rng.integers(3))), factor * scale, bias * scale))
+    texcoords = rng.uniform(-1, 2, (n, 4, 2)).astype(np.float32)
+    map_id: I32 = np.full(n, -1, np.int32) if kind == "plain" else np.arange(n, dtype=np.int32)
+    made = np.random.default_rng([seed, number, 4])
+    if net is None:
+        patches = mesh_patches(made, n, MESHES[shape], scale)._replace(texcoords=texcoords, map_id=map_id)
+    else:
+        points = np.ascontiguousarray(net, np.float32)
+        patches = make_patches(points, texcoords, map_id, np.zeros(n, np.int32))
+        patches = NETS[nets](made, patches) if nets else patches
     return Batch(
         name=" ".join(word for word in (shape, kind, place) if word),
-        control_points=np.ascontiguousarray(net, np.float32),
-        texcoords=rng.uniform(-1, 2, (n, 4, 2)).astype(np.float32),
+        patches=patches,
         maps=maps,
-        map_id=np.full(n, -1, np.int32) if kind == "plain" else np.arange(n, dtype=np.int32),
         domain=_domains(rng, n) if rng.integers(2) else np.tile([0.0, 1.0, 0.0, 1.0], (n, 1)),
         camera=_camera(shift, scale, rng),
         viewport=[
@@ -239,10 +255,8 @@ def make_batch(seed: int, number: int, n: int = PATCHES) -> Batch:
 
 def make_stage(batch: Batch) -> HullInput:
     """The hull stage's input of a batch."""
-    n = len(batch.control_points)
-    patches = make_patches(batch.control_points, batch.texcoords, batch.map_id, np.zeros(n, np.int32))
     return hull.make_input(
-        patches,
+        batch.patches,
         pack_maps(batch.maps),
         batch.camera.clip_from_world,
         batch.viewport,

@@ -34,12 +34,15 @@ class Tally:
                 break
             record = violation.record() | where
             if batch is not None:
-                p = violation.patch
+                p, patches = violation.patch, batch.patches
                 record |= {
-                    "control_points": batch.control_points[p].tolist(),
-                    "texcoords": batch.texcoords[p].tolist(),
+                    "control_points": patches.control_points[p].tolist(),
+                    "texcoords": patches.texcoords[p].tolist(),
                     "domain": batch.domain[p].tolist(),
                 }
+                for name, row in (("tangent_u", "tangent_id"), ("tangent_v", "tangent_id"), ("inner", "gregory_id")):
+                    if getattr(patches, row)[p] >= 0:
+                        record[name] = getattr(patches, name)[getattr(patches, row)[p]].tolist()
             self.violations.append(record)
 
     def record(self) -> dict[str, Any]:

@@ -96,10 +96,12 @@ def _about_themselves(patches: Patches, eye: F64) -> tuple[Patches, F64]:
     Far from the origin float32 rounds more than small triangles are large; the surface itself faces where it did.
     """
     cp = patches.control_points.astype(np.float64)
+    inner, gregory = patches.inner.astype(np.float64), np.flatnonzero(patches.gregory_id >= 0)
     with np.errstate(all="ignore"):
         first = cp[:, 0, 0, :3] / cp[:, 0, 0, 3:]
         cp[..., :3] -= first[:, None, None] * cp[..., 3:]
-        moved = patches._replace(control_points=cp.astype(np.float32))
+        inner[patches.gregory_id[gregory]] -= first[gregory, None, None]
+        moved = patches._replace(control_points=cp.astype(np.float32), inner=inner.astype(np.float32))
     return moved, eye - first
 
 
