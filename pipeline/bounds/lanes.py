@@ -22,6 +22,11 @@ def padded(n: int) -> int:
     return -(-n // LANES) * LANES
 
 
+def columns(n: int) -> int:
+    """Length of rows over n patches: whole blocks, odd in number, so that rows do not fall on the same lines of a cache."""
+    return padded(n) + (padded(n) // LANES + 1) % 2 * LANES
+
+
 def scratch(rows: int) -> F64:
     """Rows of one block."""
     return np.zeros(rows * LANES)
@@ -104,15 +109,17 @@ def restrict_rows(s, first, nets, rows, columns, u0):
 @helper
 def load_row(s, k, source, first):
     """Row k from a block of source float64[n]."""
-    for lane in range(LANES):
-        s[k * LANES + lane] = source[first + lane]
+    row = source[first : first + LANES]
+    for lane in range(LANES):  # from zero on: numbers that may be negative cost a test each, and do not vectorize
+        s[k * LANES + lane] = row[lane]
 
 
 @helper
 def store_row(s, k, target, first):
     """Row k to a block of target float64[n]."""
+    row = target[first : first + LANES]
     for lane in range(LANES):
-        target[first + lane] = s[k * LANES + lane]
+        row[lane] = s[k * LANES + lane]
 
 
 @inlined
