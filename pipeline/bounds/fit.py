@@ -27,7 +27,7 @@ from pipeline.bounds.lanes import (
     most4,
     restrict_rows,
     scratch,
-    store_row,
+    store_rows,
 )
 from pipeline.bounds.obb_frame import make_frame
 from pipeline.jit import helper, inlined, kernel
@@ -264,18 +264,11 @@ def fit_block(control_points, rational, gregory_id, inner, domain, first, copy, 
     return whole
 
 
-@helper
-def store_box(s, boxes, first):
-    """Rows that are kept, to boxes."""
-    for k in range(KEPT):
-        store_row(s, k, boxes[k], first)
-
-
 @kernel
 def _fit_boxes(control_points, rational, gregory_id, inner, domain, s, points, axes, boxes):
     for first in range(0, len(control_points), LANES):
         fit_block(control_points, rational, gregory_id, inner, domain, first, -1, s, points, axes)
-        store_box(s, boxes, first)
+        store_rows(s, 0, KEPT, boxes, first)
 
 
 def fit_boxes(stage: HullInput) -> F64:

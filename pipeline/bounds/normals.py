@@ -5,7 +5,7 @@ components alone, and the cross products of the normal patch come out in the fra
 points that `fit` has turned into it. The steepest vector of a cone is found by comparing quotients as products, so there
 is one division a cone. What differs from the scalar functions:
 
-- a turned point is off by 2^-51 of the largest coordinate, a vector (with its binomials) by 2^-46 of it. Vectors that are
+- a turned point is off by 2^-51 of the largest coordinate, a control vector by less than 2^-46 of it. Vectors that are
   not longer than SHORT of it, zero ones among them, send their patch to the scalar functions; longer ones with a dot of at
   most STEEP of it count as beyond 90 degrees. What is left is off by less than 2^-26 = u / 4 of its dot: with the 15
   roundings of the shader less than the 16 of TANGENT;
@@ -30,8 +30,8 @@ import numpy as np
 
 from pipeline.bounds import fit, scalar_normals
 from pipeline.bounds.cones import TANGENT, U, combine_tangent_cones, widen
-from pipeline.bounds.fit import AXES, COSINE, DOMAIN, SINE, SIZE, TURNED, fit_block, store_box, turn_points
-from pipeline.bounds.lanes import LANES, columns, most4, restrict_rows, scratch, store_row
+from pipeline.bounds.fit import AXES, COSINE, DOMAIN, SINE, SIZE, TURNED, fit_block, turn_points
+from pipeline.bounds.lanes import LANES, columns, most4, restrict_rows, scratch, store_rows
 from pipeline.bounds.obb_frame import cross
 from pipeline.jit import helper, inlined, kernel
 from pipeline.types import F64, HullInput
@@ -47,12 +47,13 @@ LEAST_COSINE = 2.0**-10
 ALONG_U, ALONG_V = fit.ROWS, fit.ROWS + 48
 STEEP_T, SPREAD_T, SHORT_T, STEEP_B, SPREAD_B, SHORT_B = (fit.ROWS + 96 + k for k in range(6))
 COS, SIN, MOST_X, MOST_Y, ERROR, LONGEST_U, LONGEST_V, OVER, UNDER, LEAST_Z = (fit.ROWS + 102 + k for k in range(10))
-ROWS = fit.ROWS + 112
+BOUND = fit.ROWS + 112  # 4, the result
+ROWS = fit.ROWS + 116
 WHOLE = ALONG_U  # 48, before the nets: the points of whole patches
 NORMALS = fit.POINTS  # 36 each of x, y, z, in place of points and weights
 
 # Binomials of the places in the nets. With them in the vectors the normal patch is a plain convolution (its divisors are
-# left out). The cones do not see them, as sizes are multiplied too.
+# left out).
 FACTORS_U = tuple(a * b for a in (1.0, 2.0, 1.0) for b in (1.0, 3.0, 3.0, 1.0))
 FACTORS_V = tuple(a * b for a in (1.0, 3.0, 3.0, 1.0) for b in (1.0, 2.0, 1.0))
 
@@ -61,45 +62,51 @@ FACTORS_V = tuple(a * b for a in (1.0, 3.0, 3.0, 1.0) for b in (1.0, 2.0, 1.0))
 
 
 @inlined
-def _subtract(s, target, a, b, factor):
-    """Row target = factor (row a - row b)."""
-    for lane in range(LANES):
-        s[target * LANES + lane] = factor * (s[a * LANES + lane] - s[b * LANES + lane])
+def _subtract(s, target, a, b, rows):
+    """Rows target .. = rows a .. - rows b .. ."""
+    for i in range(rows * LANES):
+        s[target * LANES + i] = s[a * LANES + i] - s[b * LANES + i]
+
+
+@inlined
+def _differences_of(s, c):
+    u, v, points = ALONG_U + 12 * c, ALONG_V + 12 * c, TURNED + 16 * c
+    _subtract(s, u, points + 4, points, 12)
+    _subtract(s, v, points + 1, points, 3)
+    _subtract(s, v + 3, points + 5, points + 4, 3)
+    _subtract(s, v + 6, points + 9, points + 8, 3)
+    _subtract(s, v + 9, points + 13, points + 12, 3)
 
 
 @helper
-def _differences(s, scaled):
-    """Nets of x, y and z from the turned points; `scaled`: times their binomials."""
-    for c in range(3):
-        points = TURNED + 16 * c
-        for k in range(12):
-            _subtract(s, ALONG_U + 12 * c + k, points + k + 4, points + k, FACTORS_U[k] if scaled else 1.0)
-            i = k // 3
-            _subtract(s, ALONG_V + 12 * c + k, points + k + i + 1, points + k + i, FACTORS_V[k] if scaled else 1.0)
+def _differences(s):
+    """Nets of x, y and z from the turned points."""
+    _differences_of(s, 0)
+    _differences_of(s, 1)
+    _differences_of(s, 2)
 
 
 @helper
-def _load_vector(s, row, lane, vector, factor):
+def _load_vector(s, row, lane, vector):
     """A given control vector float32[3] of one lane, turned into the frame; NaN if it is too long."""
     x, y, z, f = np.float64(vector[0]), np.float64(vector[1]), np.float64(vector[2]), AXES * LANES + lane
     if not max(abs(x), abs(y), abs(z)) < MOST_SIZE:
-        factor = np.nan
+        x = np.nan
     i = row * LANES + lane
-    s[i] = factor * (s[f] * x + s[f + LANES] * y + s[f + 2 * LANES] * z)
-    s[i + 12 * LANES] = factor * (s[f + 3 * LANES] * x + s[f + 4 * LANES] * y + s[f + 5 * LANES] * z)
-    s[i + 24 * LANES] = factor * (s[f + 6 * LANES] * x + s[f + 7 * LANES] * y + s[f + 8 * LANES] * z)
+    s[i] = s[f] * x + s[f + LANES] * y + s[f + 2 * LANES] * z
+    s[i + 12 * LANES] = s[f + 3 * LANES] * x + s[f + 4 * LANES] * y + s[f + 5 * LANES] * z
+    s[i + 24 * LANES] = s[f + 6 * LANES] * x + s[f + 7 * LANES] * y + s[f + 8 * LANES] * z
 
 
 @helper
-def _load_tangents(tangent_id, tangent_u, tangent_v, first, n, scaled, s):
+def _load_tangents(tangent_id, tangent_u, tangent_v, first, n, s):
     """Control vectors of the ACC patches of a block, in place of the differences."""
     for lane in range(LANES):
         row = tangent_id[min(first + lane, n - 1)]
         if row >= 0:
             for k in range(12):
-                of_u, of_v = (FACTORS_U[k], FACTORS_V[k]) if scaled else (1.0, 1.0)
-                _load_vector(s, ALONG_U + k, lane, tangent_u[row, k >> 2, k & 3], of_u)
-                _load_vector(s, ALONG_V + k, lane, tangent_v[row, k // 3, k % 3], of_v)
+                _load_vector(s, ALONG_U + k, lane, tangent_u[row, k >> 2, k & 3])
+                _load_vector(s, ALONG_V + k, lane, tangent_v[row, k // 3, k % 3])
 
 
 @helper
@@ -114,11 +121,12 @@ def _set_sizes(s, net):
 
 @helper
 def _scale(s, net, factors):
-    """Vectors and sizes of a net, times their binomials."""
-    for c in range(4):
-        for k in range(12):
-            for lane in range(LANES):
-                s[(net + 12 * c + k) * LANES + lane] *= factors[k]
+    """Vectors of a net, times their binomials."""
+    for k in range(12):
+        for lane in range(LANES):
+            i, factor = (net + k) * LANES + lane, factors[k]
+            x, y, z = s[i] * factor, s[i + 12 * LANES] * factor, s[i + 24 * LANES] * factor
+            s[i], s[i + 12 * LANES], s[i + 24 * LANES] = x, y, z
 
 
 @inlined
@@ -201,11 +209,11 @@ def _cone_b(s):
 
 
 @helper
-def _longest(s, net, factors, out):
-    """Row out: square of the largest size of a net, without binomials. The rows NORMALS are scratch."""
+def _longest(s, net, out):
+    """Row out: square of the largest size of a net. The rows NORMALS are scratch."""
     for k in range(12):
         for lane in range(LANES):
-            size = s[(net + 36 + k) * LANES + lane] / factors[k]
+            size = s[(net + 36 + k) * LANES + lane]
             s[(NORMALS + k) * LANES + lane] = size * size
     for lane in range(LANES):
         i = NORMALS * LANES + lane
@@ -370,8 +378,10 @@ def _bound_by_normals(s, whole):
         if whole:
             _set_sizes(s, ALONG_U)
             _set_sizes(s, ALONG_V)
-        _longest(s, ALONG_U, FACTORS_U, LONGEST_U)
-        _longest(s, ALONG_V, FACTORS_V, LONGEST_V)
+        _longest(s, ALONG_U, LONGEST_U)
+        _longest(s, ALONG_V, LONGEST_V)
+    _scale(s, ALONG_U, FACTORS_U)
+    _scale(s, ALONG_V, FACTORS_V)
     _multiply(s)
     _cone_n(s)
     if some_wide:
@@ -384,14 +394,12 @@ def _bound_by_normals(s, whole):
 
 @helper
 def _bound_block(whole, kind, s):
-    """Rows COS, SIN, MOST_X, MOST_Y from the nets (scaled if whole)."""
+    """Rows COS, SIN, MOST_X, MOST_Y from the nets."""
     if not whole:
         _set_sizes(s, ALONG_U)
         _set_sizes(s, ALONG_V)
         restrict_rows(s, ALONG_U, 4, 3, 4, DOMAIN)
         restrict_rows(s, ALONG_V, 4, 4, 3, DOMAIN)
-        _scale(s, ALONG_U, FACTORS_U)
-        _scale(s, ALONG_V, FACTORS_V)
     _cone_t(s)
     _cone_b(s)
     if not whole:
@@ -411,11 +419,11 @@ def _bound_normals(
     some_todo = False
     for first in range(0, n, LANES):
         whole = fit_block(control_points, rational, gregory_id, inner, domain, first, WHOLE, s, points, axes)
-        store_box(s, boxes, first)
+        store_rows(s, 0, fit.KEPT, boxes, first)
         if not whole:
             turn_points(s, WHOLE)
-        _differences(s, whole)
-        _load_tangents(tangent_id, tangent_u, tangent_v, first, n, whole, s)
+        _differences(s)
+        _load_tangents(tangent_id, tangent_u, tangent_v, first, n, s)
         _bound_block(whole, kind, s)
         for lane in range(min(LANES, n - first)):
             p = first + lane
@@ -430,10 +438,12 @@ def _bound_normals(
             if gregory_id[min(first + lane, n - 1)] >= 0:
                 s[SIN * LANES + lane] = s[MOST_X * LANES + lane] = s[MOST_Y * LANES + lane] = 1.0
                 s[COS * LANES + lane] = -1.0
-        store_row(s, MOST_X if kind == TPATCH_TIGHT else SIN, out[0], first)
-        store_row(s, MOST_Y if kind == TPATCH_TIGHT else SIN, out[1], first)
-        store_row(s, COS, out[2], first)
-        store_row(s, COS, out[3], first)
+        for lane in range(LANES):
+            i, j = SIN * LANES + lane, BOUND * LANES + lane
+            s[j] = s[i + LANES] if kind == TPATCH_TIGHT else s[i]
+            s[j + LANES] = s[i + 2 * LANES] if kind == TPATCH_TIGHT else s[i]
+            s[j + 2 * LANES] = s[j + 3 * LANES] = s[i - LANES]
+        store_rows(s, BOUND, 4, out, first)
     return some_todo
 
 

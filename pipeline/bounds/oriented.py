@@ -14,7 +14,7 @@ Each step is a kernel of its own that all bounds share; between them go rows ove
 import numpy as np
 
 from pipeline.bounds.fit import AXES, HI, KEPT, LO, SIZE, fit_boxes
-from pipeline.bounds.lanes import LANES, least4, load_row, most4, scratch
+from pipeline.bounds.lanes import LANES, least4, load_rows, most4, scratch
 from pipeline.bounds.lookup import displacement_ranges
 from pipeline.bounds.normals import bound_normals
 from pipeline.bounds.project import allocate, project_boxes
@@ -76,14 +76,12 @@ def _store(first, count, s, bounds):
 def _grow_boxes(boxes, ranges, normals, s, bounds):
     n = len(bounds.center)
     for first in range(0, n, LANES):
-        for k in range(KEPT):
-            load_row(s, k, boxes[k], first)
-        for k in range(2):
-            load_row(s, T_LO + k, ranges[k], first)
-        for k in range(4):
-            if normals.shape[1] > 0:
-                load_row(s, X_MOST + k, normals[k], first)
-            else:
+        load_rows(s, 0, KEPT, boxes, first)
+        load_rows(s, T_LO, 2, ranges, first)
+        if normals.shape[1] > 0:
+            load_rows(s, X_MOST, 4, normals, first)
+        else:
+            for k in range(4):
                 for lane in range(LANES):
                     s[(X_MOST + k) * LANES + lane] = 1.0 if k < 2 else -1.0
         _grow_block(s)
