@@ -12,7 +12,7 @@ exchanges the ends.
 import numpy as np
 
 from pipeline.displacement import map_ranges
-from pipeline.jit import helper, kernel
+from pipeline.jit import helper, inlined, kernel
 from pipeline.types import F32, F64, Address, DisplacementMaps, Pyramids
 
 U = 2.0**-24
@@ -48,7 +48,7 @@ def build_pyramids(maps: DisplacementMaps) -> Pyramids:
     return Pyramids(np.concatenate(empty + los), np.concatenate(empty + his), first, size, map_ranges(maps))
 
 
-@helper
+@inlined
 def _footprint(a, b, n):
     """First and last texel number, before addressing, that lookups between texture coordinates a <= b may read.
 
@@ -59,14 +59,14 @@ def _footprint(a, b, n):
     return np.floor(a * n - 0.5 - pad), np.floor(b * n - 0.5 + pad) + 1.0
 
 
-@helper
+@inlined
 def _pieces(first, last, n, mode):
     """Texels first .. last after addressing, on an axis of n: two ranges (lo, hi), the second empty where hi < lo."""
     i, j = np.int64(first), np.int64(last)
     if (mode == WRAP and j - i >= n - 1) or (mode == MIRROR and j - i >= 2 * n - 1):
         return 0, n - 1, 0, -1
     if mode == WRAP:
-        i, j = i % n, j % n
+        i, j = _wrapped(i, n), _wrapped(j, n)
         if i <= j:
             return i, j, 0, -1
         return i, n - 1, 0, j
@@ -83,22 +83,57 @@ def _pieces(first, last, n, mode):
 
 
 @helper
-def _piece_range(pyramids, m, x0, x1, y0, y1, exact):
-    """Least and greatest texel of the rectangle: from at most 2 x 2 texels of one level, or (exact) from all of level 0."""
-    level = 0
-    if not exact:
-        while (x1 >> level) - (x0 >> level) > 1 or (y1 >> level) - (y0 >> level) > 1:
-            level += 1
+def _exact_range(pyramids, m, x0, x1, y0, y1):
+    """Least and greatest texel of the rectangle: from all of level 0."""
     lo, hi = np.inf, -np.inf
-    width = pyramids.size[m, level, 0]
-    for y in range(y0 >> level, (y1 >> level) + 1):
-        for x in range(x0 >> level, (x1 >> level) + 1):
-            k = pyramids.first[m, level] + y * width + x
+    first, width = pyramids.first[m, 0], pyramids.size[m, 0, 0]
+    for y in range(y0, y1 + 1):
+        for x in range(x0, x1 + 1):
+            k = first + y * width + x
             lo, hi = min(lo, np.float64(pyramids.lo[k])), max(hi, np.float64(pyramids.hi[k]))
     return lo, hi
 
 
+@inlined
+def _level_range(pyramids, m, x0, x1, y0, y1):
+    """From at most 2 x 2 texels of one level: always four reads, of the same texel where there are fewer."""
+    level = 0
+    while max((x1 >> level) - (x0 >> level), (y1 >> level) - (y0 >> level)) > 1:
+        level += 1
+    first, width = pyramids.first[m, level], pyramids.size[m, level, 0]
+    upper, lower = first + (y0 >> level) * width, first + (y1 >> level) * width
+    a, b = np.uint64(upper + (x0 >> level)), np.uint64(upper + (x1 >> level))
+    c, d = np.uint64(lower + (x0 >> level)), np.uint64(lower + (x1 >> level))
+    lo = min(min(pyramids.lo[a], pyramids.lo[b]), min(pyramids.lo[c], pyramids.lo[d]))
+    hi = max(max(pyramids.hi[a], pyramids.hi[b]), max(pyramids.hi[c], pyramids.hi[d]))
+    return np.float64(lo), np.float64(hi)
+
+
+@inlined
+def _piece_range(pyramids, m, x0, x1, y0, y1, exact):
+    """Least and greatest texel of the rectangle."""
+    return _exact_range(pyramids, m, x0, x1, y0, y1) if exact else _level_range(pyramids, m, x0, x1, y0, y1)
+
+
+@inlined
+def _wrapped(i, n):
+    """i modulo n; a division only where it is needed."""
+    return i if (i >= 0) & (i < n) else i % n
+
+
 @helper
+def _pieces_range(pyramids, m, xa0, xa1, xb0, xb1, ya0, ya1, yb0, yb1, exact):
+    """The same of up to two pieces an axis, the second empty where its end is less than its begin."""
+    lo, hi = np.inf, -np.inf
+    for x0, x1 in ((xa0, xa1), (xb0, xb1)):
+        for y0, y1 in ((ya0, ya1), (yb0, yb1)):
+            if x0 <= x1 and y0 <= y1:
+                a, b = _piece_range(pyramids, m, x0, x1, y0, y1, exact)
+                lo, hi = min(lo, a), max(hi, b)
+    return lo, hi
+
+
+@inlined
 def texel_range(maps, pyramids, m, s0, s1, t0, t1, exact):
     """Least and greatest texel that lookups of map m with s0 <= s <= s1, t0 <= t <= t1 may blend."""
     width, height = pyramids.size[m, 0, 0], pyramids.size[m, 0, 1]
@@ -109,20 +144,12 @@ def texel_range(maps, pyramids, m, s0, s1, t0, t1, exact):
         return _piece_range(pyramids, m, 0, width - 1, 0, height - 1, exact)
     xa0, xa1, xb0, xb1 = _pieces(i0, i1, width, mode)
     ya0, ya1, yb0, yb1 = _pieces(j0, j1, height, mode)
-    lo, hi = _piece_range(pyramids, m, xa0, xa1, ya0, ya1, exact)
-    if xb0 <= xb1:
-        a, b = _piece_range(pyramids, m, xb0, xb1, ya0, ya1, exact)
-        lo, hi = min(lo, a), max(hi, b)
-    if yb0 <= yb1:
-        a, b = _piece_range(pyramids, m, xa0, xa1, yb0, yb1, exact)
-        lo, hi = min(lo, a), max(hi, b)
-        if xb0 <= xb1:
-            a, b = _piece_range(pyramids, m, xb0, xb1, yb0, yb1, exact)
-            lo, hi = min(lo, a), max(hi, b)
-    return lo, hi
+    if xb0 > xb1 and yb0 > yb1:
+        return _piece_range(pyramids, m, xa0, xa1, ya0, ya1, exact)
+    return _pieces_range(pyramids, m, xa0, xa1, xb0, xb1, ya0, ya1, yb0, yb1, exact)
 
 
-@helper
+@inlined
 def displacement_range(maps, pyramids, m, s0, s1, t0, t1, exact):
     """Range of the displacement, world units, of lookups in that rectangle of texture coordinates.
 

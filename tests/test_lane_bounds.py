@@ -7,7 +7,7 @@ from pipeline.bounds import BOUNDS, normals, scalar_normals
 from pipeline.bounds.cbox import position_errors
 from pipeline.bounds.fit import AXES, COSINE, HI, KEPT, LO, SINE, fit_boxes
 from pipeline.bounds.general import bernstein, evaluate
-from pipeline.bounds.lanes import LANES
+from pipeline.bounds.lanes import LANES, columns
 from pipeline.bounds.obb_frame import make_frame
 from pipeline.bounds.project import project_boxes
 from pipeline.bounds.restrict import project_net, restrict_patch
@@ -71,7 +71,7 @@ def test_fitted_boxes_are_those_of_the_scalar_functions(kind, seed):
     patches = patches_of(kind, rng, n)
     domains = np.array([random_domain(rng) for _ in range(n)])
     boxes = fit_boxes(stage_of(patches, domains=domains))
-    assert boxes.shape == (KEPT, 2 * LANES)
+    assert boxes.shape == (KEPT, columns(n))
     net, axes = np.empty((4, 4, 4)), np.empty((3, 3))
     for p in range(n):
         restrict_patch(patches.control_points[p], *domains[p], net)
@@ -103,8 +103,8 @@ def test_normal_bounds_are_those_of_the_scalar_functions(which, kind, seed):
     domains = np.array([random_domain(rng) for _ in range(n)])
     domains[::2] = [0, 1, 0, 1]
     stage = stage_of(patches, domains=domains)
-    boxes = fit_boxes(stage)
-    ours = normals.bound_normals(stage, boxes, which)[:, :n]
+    boxes, ours = normals.bound_normals(stage, which)
+    ours = ours[:, :n]
     theirs = np.empty((4, n))
     scalar_normals.bound_normals(
         stage, np.arange(n), boxes, which == normals.NPATCH, which == normals.TPATCH_TIGHT, theirs

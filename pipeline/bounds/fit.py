@@ -6,6 +6,8 @@ by FLOAT64 of the largest coordinate. A Gregory patch's inner points lie between
 the mean that `control_points` holds, seen along the axis, times the largest sum of the inner Bernstein weights on the
 domain, are added.
 
+The control points are turned into the frame once, for the extents and for the tangents (`normals`).
+
 Frames of patches whose corner sums are null, nearly parallel, or of extreme length come from `obb_frame.make_frame`.
 """
 
@@ -17,15 +19,15 @@ from pipeline.bounds.cbox import widen_errors
 from pipeline.bounds.gregory import most_inner_weight, reach_of_inner, widest_inner
 from pipeline.bounds.lanes import (
     LANES,
+    columns,
     least4,
     load_domains,
     load_points,
     load_weights,
     most4,
-    padded,
     restrict_rows,
     scratch,
-    store_row,
+    store_rows,
 )
 from pipeline.bounds.obb_frame import make_frame
 from pipeline.jit import helper, inlined, kernel
@@ -38,8 +40,9 @@ LEAST_SINE_SQUARE = 2.0**-40  # z is perpendicular to x to 2^-52 / sine; taking 
 # Rows of a block's scratch, those up to KEPT also of the result.
 AXES, COSINE, SINE, LO, HI, SIZE = 0, 9, 10, 11, 14, 17
 KEPT = 18
-POINTS, WEIGHTS, DOMAIN, ERRORS, TOTAL, LEAST_W, TWICE, FINE, TOTALS = 18, 66, 82, 86, 89, 90, 91, 92, 93
-ROWS = 96
+POINTS, TURNED, WEIGHTS, DOMAIN = 18, 66, 114, 130  # of the points 16 rows each for x, y, z
+ERRORS, TOTAL, LEAST_W, TWICE, FINE = 134, 137, 138, 139, 140
+ROWS = 141
 
 
 @inlined
@@ -62,20 +65,17 @@ def _most_of(s, i):
 
 @helper
 def _measure(s):
-    """Rows ERRORS: largest magnitude of x, y, z; SIZE: of all; TOTAL: their sum, finite if each of them is."""
+    """Rows ERRORS: largest magnitude of x, y, z; TOTAL: zero, to which comes what shall be finite."""
     for c in range(3):
         for lane in range(LANES):
-            i = (POINTS + 16 * c) * LANES + lane
-            s[(ERRORS + c) * LANES + lane] = _most_of(s, i)
-            s[(TOTALS + c) * LANES + lane] = _sum16(s, i)
+            s[(ERRORS + c) * LANES + lane] = _most_of(s, (POINTS + 16 * c) * LANES + lane)
     for lane in range(LANES):
-        i = TOTALS * LANES + lane
-        s[TOTAL * LANES + lane] = s[i] + s[i + LANES] + s[i + 2 * LANES]
+        s[TOTAL * LANES + lane], s[LEAST_W * LANES + lane] = 0.0, 1.0
 
 
 @helper
 def _measure_projected(w, s):
-    """Rows ERRORS of projected points; LEAST_W; TOTAL with the weights (rows w ..): a block with rational patches."""
+    """Rows ERRORS of projected points; LEAST_W; the weights' sum to TOTAL (rows w ..): a block with rational patches."""
     for lane in range(LANES):
         a = least4(s[w * LANES + lane], s[(w + 1) * LANES + lane], s[(w + 2) * LANES + lane], s[(w + 3) * LANES + lane])
         for k in range(4, 16):
@@ -151,17 +151,31 @@ def _mend_frames(s, points, axes):
                     s[(AXES + 3 * r + c) * LANES + lane] = axes[r, c]
 
 
-@inlined
-def _along(s, k, axis, lane):
-    i, a = (POINTS + k) * LANES + lane, axis * LANES + lane
-    return s[i] * s[a] + s[i + 16 * LANES] * s[a + LANES] + s[i + 32 * LANES] * s[a + 2 * LANES]
+@helper
+def turn_points(s, source):
+    """Rows TURNED: the points of rows source .. in the frame."""
+    for k in range(16):
+        for lane in range(LANES):
+            i, j, f = (source + k) * LANES + lane, (TURNED + k) * LANES + lane, AXES * LANES + lane
+            x, y, z = s[i], s[i + 16 * LANES], s[i + 32 * LANES]
+            a = s[f] * x + s[f + LANES] * y + s[f + 2 * LANES] * z
+            b = s[f + 3 * LANES] * x + s[f + 4 * LANES] * y + s[f + 5 * LANES] * z
+            c = s[f + 6 * LANES] * x + s[f + 7 * LANES] * y + s[f + 8 * LANES] * z
+            s[j], s[j + 16 * LANES], s[j + 32 * LANES] = a, b, c
 
 
 @inlined
-def _range4(s, k, axis, lane):
-    a, b = _along(s, k, axis, lane), _along(s, k + 1, axis, lane)
-    c, d = _along(s, k + 2, axis, lane), _along(s, k + 3, axis, lane)
+def _range4(s, k, lane):
+    i = (TURNED + k) * LANES + lane
+    a, b, c, d = s[i], s[i + LANES], s[i + 2 * LANES], s[i + 3 * LANES]
     return least4(a, b, c, d), most4(a, b, c, d)
+
+
+@helper
+def _add_total(s):
+    """Row TOTAL += the turned x: an axis is no zero vector, so their sum is finite only if each point is."""
+    for lane in range(LANES):
+        s[TOTAL * LANES + lane] += _sum16(s, TURNED * LANES + lane)
 
 
 @helper
@@ -169,8 +183,9 @@ def _extent(s, r):
     """Rows LO and HI of axis r: range of the points, widened."""
     axis = AXES + 3 * r
     for lane in range(LANES):
-        (a, b), (c, d) = _range4(s, 0, axis, lane), _range4(s, 4, axis, lane)
-        (e, f), (g, h) = _range4(s, 8, axis, lane), _range4(s, 12, axis, lane)
+        k = 16 * r
+        (a, b), (c, d) = _range4(s, k, lane), _range4(s, k + 4, lane)
+        (e, f), (g, h) = _range4(s, k + 8, lane), _range4(s, k + 12, lane)
         total = s[TOTAL * LANES + lane]
         pad = FLOAT64 * s[SIZE * LANES + lane] + (total - total)  # NaN where a coordinate is not finite
         i, j = axis * LANES + lane, ERRORS * LANES + lane
@@ -211,40 +226,53 @@ def _set_errors(rational, gregory_id, inner, first, n, s):
         )
 
 
+@helper
+def fit_block(control_points, rational, gregory_id, inner, domain, first, copy, s, points, axes):
+    """Fit the boxes of one block; rows TURNED of its points. Returns whether each domain is the whole patch.
+
+    copy : where one is not, the points of the whole patches are left in rows copy .. (-1: nowhere).
+    """
+    n = len(control_points)
+    load_points(control_points, first, n, POINTS, s)
+    whole = load_domains(domain, first, n, DOMAIN, s)
+    some_rational = some_gregory = False
+    for p in range(first, min(first + LANES, n)):
+        some_rational |= rational[p] != 0
+        some_gregory |= gregory_id[p] >= 0
+    _measure(s)
+    if some_rational:
+        load_weights(control_points, first, n, WEIGHTS, s)
+        _measure_projected(WEIGHTS, s)
+    _set_errors(rational, gregory_id, inner, first, n, s)
+    if not whole:
+        if copy >= 0:
+            s[copy * LANES : (copy + 48) * LANES] = s[POINTS * LANES : (POINTS + 48) * LANES]
+        restrict_rows(s, POINTS, 3, 4, 4, DOMAIN)
+        if some_rational:
+            restrict_rows(s, WEIGHTS, 1, 4, 4, DOMAIN)
+    if some_rational:
+        _divide(s)
+    _frames(s)
+    _mend_frames(s, points, axes)
+    turn_points(s, POINTS)
+    _add_total(s)
+    _extent(s, 0)
+    _extent(s, 1)
+    _extent(s, 2)
+    if some_gregory:
+        _widen_gregory(control_points, domain, gregory_id, inner, first, n, s)
+    return whole
+
+
 @kernel
 def _fit_boxes(control_points, rational, gregory_id, inner, domain, s, points, axes, boxes):
-    n = len(control_points)
-    for first in range(0, n, LANES):
-        load_points(control_points, first, n, POINTS, s)
-        whole = load_domains(domain, first, n, DOMAIN, s)
-        some_rational = some_gregory = False
-        for p in range(first, min(first + LANES, n)):
-            some_rational |= rational[p] != 0
-            some_gregory |= gregory_id[p] >= 0
-        _measure(s)
-        for lane in range(LANES):
-            s[LEAST_W * LANES + lane] = 1.0
-        if some_rational:
-            load_weights(control_points, first, n, WEIGHTS, s)
-            _measure_projected(WEIGHTS, s)
-        _set_errors(rational, gregory_id, inner, first, n, s)
-        if not whole:
-            restrict_rows(s, POINTS, 4 if some_rational else 3, 4, 4, DOMAIN)
-        if some_rational:
-            _divide(s)
-        _frames(s)
-        _mend_frames(s, points, axes)
-        _extent(s, 0)
-        _extent(s, 1)
-        _extent(s, 2)
-        if some_gregory:
-            _widen_gregory(control_points, domain, gregory_id, inner, first, n, s)
-        for k in range(KEPT):
-            store_row(s, k, boxes[k], first)
+    for first in range(0, len(control_points), LANES):
+        fit_block(control_points, rational, gregory_id, inner, domain, first, -1, s, points, axes)
+        store_rows(s, 0, KEPT, boxes, first)
 
 
 def fit_boxes(stage: HullInput) -> F64:
-    """Rows AXES .. SIZE of all patches over their domains: float64[KEPT, P rounded up to whole blocks].
+    """Rows AXES .. SIZE of all patches over their domains: float64[KEPT, `lanes.columns`(P)].
 
     Row AXES + 3 r + c: component c of axis r; COSINE, SINE: of the angle between t and b (`obb_frame`); LO + r, HI + r: range
     of the float32 shader's undisplaced positions along axis r, NaN where a coordinate is not finite or a weight is not
@@ -252,7 +280,7 @@ def fit_boxes(stage: HullInput) -> F64:
     """
     patches = stage.patches
     n = len(patches.control_points)
-    boxes = np.empty((KEPT, padded(n)))
+    boxes = np.empty((KEPT, columns(n)))
     _fit_boxes(
         patches.control_points.reshape(n, 64), patches.rational, patches.gregory_id, patches.inner, stage.domain,
         scratch(ROWS), np.empty((4, 4, 3)), np.empty((3, 3)), boxes,

@@ -14,12 +14,17 @@ from pipeline.bounds.restrict import cut_cubic, cut_quadratic
 from pipeline.jit import helper, inlined
 from pipeline.types import F64
 
-LANES = 32
+LANES = 16
 
 
 def padded(n: int) -> int:
     """n rounded up to whole blocks."""
     return -(-n // LANES) * LANES
+
+
+def columns(n: int) -> int:
+    """Length of rows over n patches: whole blocks, odd in number, so that rows do not fall on the same lines of a cache."""
+    return padded(n) + (padded(n) // LANES + 1) % 2 * LANES
 
 
 def scratch(rows: int) -> F64:
@@ -102,17 +107,23 @@ def restrict_rows(s, first, nets, rows, columns, u0):
 
 
 @helper
-def load_row(s, k, source, first):
-    """Row k from a block of source float64[n]."""
-    for lane in range(LANES):
-        s[k * LANES + lane] = source[first + lane]
+def load_rows(s, k, rows, source, first):
+    """Rows k .. from a block of source float64[rows, columns]."""
+    part = source[
+        :, first : first + LANES
+    ]  # from zero on: numbers that may be negative are tested, and do not vectorize
+    for i in range(rows):
+        for lane in range(LANES):
+            s[(k + i) * LANES + lane] = part[i, lane]
 
 
 @helper
-def store_row(s, k, target, first):
-    """Row k to a block of target float64[n]."""
-    for lane in range(LANES):
-        target[first + lane] = s[k * LANES + lane]
+def store_rows(s, k, rows, target, first):
+    """Rows k .. to a block of target float64[rows, columns]."""
+    part = target[:, first : first + LANES]
+    for i in range(rows):
+        for lane in range(LANES):
+            part[i, lane] = s[(k + i) * LANES + lane]
 
 
 @inlined

@@ -1,9 +1,14 @@
 """Bounds of the unit normals in blocks of patches: TPATCH, its tight form, and NPATCH (`cones` has the mathematics).
 
-As `cones`, with the control vectors of the tangents turned into the box's frame first: a cone about an axis of the frame
-needs the components alone, and the cross products of the normal patch come out in the frame. The steepest vector of a
-cone is found by comparing quotients as products, so there is one division a cone. What differs from the scalar functions:
+As `cones`, with the control vectors of the tangents in the box's frame: a cone about an axis of the frame needs the
+components alone, and the cross products of the normal patch come out in the frame. They are the differences of the control
+points that `fit` has turned into it. The steepest vector of a cone is found by comparing quotients as products, so there
+is one division a cone. What differs from the scalar functions:
 
+- a turned point is off by 2^-51 of the largest coordinate, a control vector by less than 2^-46 of it. Vectors that are
+  not longer than SHORT of it, zero ones among them, send their patch to the scalar functions; longer ones with a dot of at
+  most STEEP of it count as beyond 90 degrees. What is left is off by less than 2^-26 = u / 4 of its dot: with the 15
+  roundings of the shader less than the 16 of TANGENT;
 - the error of a tangent in its cone, size / dot, is that of the steepest vector where the domain is the whole patch: there
   `size` is the vector's length, so it is sqrt(1 + tan^2);
 - the error of the normal in NPATCH's cone is TPATCH's where the tangents have cones of their own, as both are about the
@@ -11,45 +16,45 @@ cone is found by comparing quotients as products, so there is one division a con
   sizes of the tangents' control vectors and h the least n.z of the normal patch's, binomials divided out. Both cover
   float64: where the tangents have cones and the normals' cosine is above 2^-10, v.z >= apart cos(theta) sum |a| |b| for a
   normal patch's control vector v, and 2^-49 of that sum is what rounds;
-- control vectors with 0 < dot <= LEAST count as beyond 90 degrees, and squares of 2^120 or more as unknown: products of
-  four components neither overflow nor underflow.
+- coordinates of 2^59 or more, and control vectors of ACC patches of 2^60 or more, count as unknown: products of four
+  components neither overflow nor underflow.
 
 ACC patches (`Patches.tangent_id`): the normal is that of the tangent patches, nets of the same degrees, taken as given (the
 shader's differences are one rounding more). Gregory patches: unknown. Rational patches, and parts of patches whose tangents
-vanish at a corner of the domain, go to the scalar functions; they are compiled when first needed.
+vanish at a corner of the domain, go to the scalar functions too; they are compiled when first needed.
 """
 
 import math
 
 import numpy as np
 
-from pipeline.bounds import scalar_normals
+from pipeline.bounds import fit, scalar_normals
 from pipeline.bounds.cones import TANGENT, U, combine_tangent_cones, widen
-from pipeline.bounds.fit import AXES, COSINE, SINE
-from pipeline.bounds.lanes import LANES, load_domains, load_points, load_row, most4, restrict_rows, scratch
+from pipeline.bounds.fit import AXES, COSINE, DOMAIN, SINE, SIZE, TURNED, fit_block, turn_points
+from pipeline.bounds.lanes import LANES, columns, most4, restrict_rows, scratch, store_rows
 from pipeline.bounds.obb_frame import cross
 from pipeline.bounds.shared_normals import widen_normals
 from pipeline.jit import helper, inlined, kernel
 from pipeline.types import F64, HullInput
 
 TPATCH, TPATCH_TIGHT, NPATCH = 0, 1, 2
-LEAST, LEAST_NORMAL = 2.0**-120, 2.0**-240
+SHORT, STEEP = 2.0**-18, 2.0**-20  # of the largest coordinate
+LEAST_SIZE, MOST_SIZE = 2.0**-100, 2.0**59
+LEAST_NORMAL = 2.0**-240
 MOST_SQUARE = 2.0**120
 LEAST_COSINE = 2.0**-10
 
-# Rows of a block's scratch. Nets of x, y, z and size, one after the other; along u 3 x 4, along v 4 x 3.
-FRAME = 0
-ALONG_U, ALONG_V, DOMAIN = 11, 59, 107
-STEEP_T, SPREAD_T, SQUARE_T, STEEP_B, SPREAD_B, SQUARE_B = 111, 112, 113, 114, 115, 116
-COS, SIN, MOST_X, MOST_Y, ERROR = 117, 118, 119, 120, 121
-TURN_T, TURN_B = 122, 124  # cosine and sine of the tangents' axes in the frame's plane of x and y
-LONGEST_U, LONGEST_V = 126, 127
-POINTS = 128  # 48; afterwards the normal patch takes their place
-NORMALS = 128  # 36 each of x, y, z
-ROWS = NORMALS + 108
+# Rows of a block's scratch, after those of `fit`. Nets of x, y, z and size, one after the other; along u 3 x 4, along v 4 x 3.
+ALONG_U, ALONG_V = fit.ROWS, fit.ROWS + 48
+STEEP_T, SPREAD_T, SHORT_T, STEEP_B, SPREAD_B, SHORT_B = (fit.ROWS + 96 + k for k in range(6))
+COS, SIN, MOST_X, MOST_Y, ERROR, LONGEST_U, LONGEST_V, OVER, UNDER, LEAST_Z = (fit.ROWS + 102 + k for k in range(10))
+BOUND = fit.ROWS + 112  # 4, the result
+ROWS = fit.ROWS + 116
+WHOLE = ALONG_U  # 48, before the nets: the points of whole patches
+NORMALS = fit.POINTS  # 36 each of x, y, z, in place of points and weights
 
 # Binomials of the places in the nets. With them in the vectors the normal patch is a plain convolution (its divisors are
-# left out). The cones do not see them, as sizes are multiplied too.
+# left out).
 FACTORS_U = tuple(a * b for a in (1.0, 2.0, 1.0) for b in (1.0, 3.0, 3.0, 1.0))
 FACTORS_V = tuple(a * b for a in (1.0, 3.0, 3.0, 1.0) for b in (1.0, 2.0, 1.0))
 
@@ -57,7 +62,7 @@ FACTORS_V = tuple(a * b for a in (1.0, 3.0, 3.0, 1.0) for b in (1.0, 2.0, 1.0))
 # Control vectors
 
 
-@helper
+@inlined
 def _subtract(s, target, a, b, rows):
     """Rows target .. = rows a .. - rows b .. ."""
     for i in range(rows * LANES):
@@ -65,13 +70,33 @@ def _subtract(s, target, a, b, rows):
 
 
 @inlined
+def _differences_of(s, c):
+    u, v, points = ALONG_U + 12 * c, ALONG_V + 12 * c, TURNED + 16 * c
+    _subtract(s, u, points + 4, points, 12)
+    _subtract(s, v, points + 1, points, 3)
+    _subtract(s, v + 3, points + 5, points + 4, 3)
+    _subtract(s, v + 6, points + 9, points + 8, 3)
+    _subtract(s, v + 9, points + 13, points + 12, 3)
+
+
+@helper
 def _differences(s):
-    """Nets of x, y and z from the control points."""
-    for c in range(3):
-        points = POINTS + 16 * c
-        _subtract(s, ALONG_U + 12 * c, points + 4, points, 12)
-        for i in range(4):
-            _subtract(s, ALONG_V + 12 * c + 3 * i, points + 4 * i + 1, points + 4 * i, 3)
+    """Nets of x, y and z from the turned points."""
+    _differences_of(s, 0)
+    _differences_of(s, 1)
+    _differences_of(s, 2)
+
+
+@helper
+def _load_vector(s, row, lane, vector):
+    """A given control vector float32[3] of one lane, turned into the frame; NaN if it is too long."""
+    x, y, z, f = np.float64(vector[0]), np.float64(vector[1]), np.float64(vector[2]), AXES * LANES + lane
+    if not max(abs(x), abs(y), abs(z)) < MOST_SIZE:
+        x = np.nan
+    i = row * LANES + lane
+    s[i] = s[f] * x + s[f + LANES] * y + s[f + 2 * LANES] * z
+    s[i + 12 * LANES] = s[f + 3 * LANES] * x + s[f + 4 * LANES] * y + s[f + 5 * LANES] * z
+    s[i + 24 * LANES] = s[f + 6 * LANES] * x + s[f + 7 * LANES] * y + s[f + 8 * LANES] * z
 
 
 @helper
@@ -80,10 +105,9 @@ def _load_tangents(tangent_id, tangent_u, tangent_v, first, n, s):
     for lane in range(LANES):
         row = tangent_id[min(first + lane, n - 1)]
         if row >= 0:
-            for c in range(3):
-                for k in range(12):
-                    s[(ALONG_U + 12 * c + k) * LANES + lane] = tangent_u[row, k >> 2, k & 3, c]
-                    s[(ALONG_V + 12 * c + k) * LANES + lane] = tangent_v[row, k // 3, k % 3, c]
+            for k in range(12):
+                _load_vector(s, ALONG_U + k, lane, tangent_u[row, k >> 2, k & 3])
+                _load_vector(s, ALONG_V + k, lane, tangent_v[row, k // 3, k % 3])
 
 
 @helper
@@ -96,6 +120,16 @@ def _set_sizes(s, net):
             s[i + 36 * LANES] = math.sqrt(x * x + y * y + z * z)
 
 
+@helper
+def _scale(s, net, factors):
+    """Vectors of a net, times their binomials."""
+    for k in range(12):
+        for lane in range(LANES):
+            i, factor = (net + k) * LANES + lane, factors[k]
+            x, y, z = s[i] * factor, s[i + 12 * LANES] * factor, s[i + 24 * LANES] * factor
+            s[i], s[i + 12 * LANES], s[i + 24 * LANES] = x, y, z
+
+
 @inlined
 def _corner_is_zero(s, lane):
     """Whether a tangent's control vector at a corner of the domain is exactly zero."""
@@ -106,75 +140,84 @@ def _corner_is_zero(s, lane):
     )  # fmt: skip
 
 
-@helper
-def _turn(s, row, factor):
-    """One vector of each lane, rows row, row + 12, row + 24, and its size, row + 36, times a factor to the frame."""
-    for lane in range(LANES):
-        i, f = row * LANES + lane, (FRAME + AXES) * LANES + lane
-        x, y, z = s[i], s[i + 12 * LANES], s[i + 24 * LANES]
-        s[i] = factor * (s[f] * x + s[f + LANES] * y + s[f + 2 * LANES] * z)
-        s[i + 12 * LANES] = factor * (s[f + 3 * LANES] * x + s[f + 4 * LANES] * y + s[f + 5 * LANES] * z)
-        s[i + 36 * LANES] = factor * s[i + 36 * LANES]
-        s[i + 24 * LANES] = factor * (s[f + 6 * LANES] * x + s[f + 7 * LANES] * y + s[f + 8 * LANES] * z)
-
-
 # Cones of tangents
 
 
 @inlined
-def _slope(x, y, z, dot, across, least):
-    """(tan^2 of a vector's angle as numerator and denominator, its square); -1 / 1 for the zero vector."""
-    square = dot * dot
-    known = dot > least
-    zero = (x == 0.0) & (y == 0.0) & (z == 0.0)
-    over = across if known else np.inf
-    return (-1.0 if zero else over), (square if known else 1.0), across + square
+def _slope_t(s, row, lane):
+    """(tan^2 of a vector's angle about (1, 0, 0) as numerator and denominator, square of its length)."""
+    i = row * LANES + lane
+    x, y, z = s[i], s[i + 12 * LANES], s[i + 24 * LANES]
+    across, square = y * y + z * z, x * x
+    known = x > STEEP * s[SIZE * LANES + lane]
+    return (across if known else np.inf), (square if known else 1.0), across + square
 
 
 @inlined
-def _slope_of(s, row, turn, lane):
-    """`_slope` of the vector in rows row, row + 12, row + 24 about (rows turn, turn + 1; 0)."""
-    i, j = row * LANES + lane, turn * LANES + lane
-    x, y, z = s[i], s[i + 12 * LANES], s[i + 24 * LANES]
-    side = s[j] * y - s[j + LANES] * x
-    return _slope(x, y, z, s[j] * x + s[j + LANES] * y, side * side + z * z, LEAST)
+def _slope_b(s, row, lane):
+    """The same about (COSINE, SINE, 0)."""
+    i = row * LANES + lane
+    x, y, z, c, d = s[i], s[i + 12 * LANES], s[i + 24 * LANES], s[COSINE * LANES + lane], s[SINE * LANES + lane]
+    dot, side = c * x + d * y, c * y - d * x
+    across, square = side * side + z * z, dot * dot
+    known = dot > STEEP * s[SIZE * LANES + lane]
+    return (across if known else np.inf), (square if known else 1.0), across + square
 
 
 @inlined
 def _steeper(a, b):
-    """The greater quotient of two, and the sum of the squares."""
+    """The greater quotient of two, and the lesser square."""
     second = b[0] * a[1] > a[0] * b[1]
-    return (b[0] if second else a[0]), (b[1] if second else a[1]), a[2] + b[2]
+    return (b[0] if second else a[0]), (b[1] if second else a[1]), min(a[2], b[2])
 
 
 @inlined
-def _steepest_of_3(s, row, turn, lane):
-    a, b = _slope_of(s, row, turn, lane), _slope_of(s, row + 1, turn, lane)
-    return _steeper(_steeper(a, b), _slope_of(s, row + 2, turn, lane))
+def _steepest_t(s, row, lane):
+    a, b = _slope_t(s, row, lane), _slope_t(s, row + 1, lane)
+    return _steeper(_steeper(a, b), _slope_t(s, row + 2, lane))
+
+
+@inlined
+def _steepest_b(s, row, lane):
+    a, b = _slope_b(s, row, lane), _slope_b(s, row + 1, lane)
+    return _steeper(_steeper(a, b), _slope_b(s, row + 2, lane))
+
+
+@inlined
+def _put_cone(s, out, slope, lane):
+    """Rows out, out + 1, out + 2: tan^2 of a cone's half angle, infinite where there is none; its secant; `short`."""
+    over, under, least = slope
+    i, size = out * LANES + lane, s[SIZE * LANES + lane]
+    steep = over / under if size < MOST_SIZE else np.inf
+    short = (least <= (SHORT * size) * (SHORT * size)) | (size < LEAST_SIZE)
+    s[i], s[i + LANES], s[i + 2 * LANES] = steep, math.sqrt(1.0 + steep), 1.0 if short else 0.0
 
 
 @helper
-def _cone(s, net, turn, out):
-    """Rows out, out + 1, out + 2: tan^2 of a net's half angle, infinite where it has no cone; its secant; the squares."""
+def _cone_t(s):
     for lane in range(LANES):
-        a, b = _steepest_of_3(s, net, turn, lane), _steepest_of_3(s, net + 3, turn, lane)
-        c, d = _steepest_of_3(s, net + 6, turn, lane), _steepest_of_3(s, net + 9, turn, lane)
-        over, under, square = _steeper(_steeper(a, b), _steeper(c, d))
-        steep = over / under if (over >= 0.0) & (square < MOST_SQUARE) else np.inf
-        i = out * LANES + lane
-        s[i], s[i + LANES], s[i + 2 * LANES] = steep, math.sqrt(1.0 + steep), square
+        a, b = _steepest_t(s, ALONG_U, lane), _steepest_t(s, ALONG_U + 3, lane)
+        c, d = _steepest_t(s, ALONG_U + 6, lane), _steepest_t(s, ALONG_U + 9, lane)
+        _put_cone(s, STEEP_T, _steeper(_steeper(a, b), _steeper(c, d)), lane)
 
 
 @helper
-def _longest(s, net, sizes, out):
-    """Row out: square of the longest vector of a net, or (sizes) of its largest size. The rows POINTS are scratch."""
+def _cone_b(s):
+    for lane in range(LANES):
+        a, b = _steepest_b(s, ALONG_V, lane), _steepest_b(s, ALONG_V + 3, lane)
+        c, d = _steepest_b(s, ALONG_V + 6, lane), _steepest_b(s, ALONG_V + 9, lane)
+        _put_cone(s, STEEP_B, _steeper(_steeper(a, b), _steeper(c, d)), lane)
+
+
+@helper
+def _longest(s, net, out):
+    """Row out: square of the largest size of a net. The rows NORMALS are scratch."""
     for k in range(12):
         for lane in range(LANES):
-            i = (net + k) * LANES + lane
-            x, y, z, size = s[i], s[i + 12 * LANES], s[i + 24 * LANES], s[i + 36 * LANES]
-            s[(POINTS + k) * LANES + lane] = size * size if sizes else x * x + y * y + z * z
+            size = s[(net + 36 + k) * LANES + lane]
+            s[(NORMALS + k) * LANES + lane] = size * size
     for lane in range(LANES):
-        i = POINTS * LANES + lane
+        i = NORMALS * LANES + lane
         a = most4(s[i], s[i + LANES], s[i + 2 * LANES], s[i + 3 * LANES])
         b = most4(s[i + 4 * LANES], s[i + 5 * LANES], s[i + 6 * LANES], s[i + 7 * LANES])
         c = most4(s[i + 8 * LANES], s[i + 9 * LANES], s[i + 10 * LANES], s[i + 11 * LANES])
@@ -182,20 +225,18 @@ def _longest(s, net, sizes, out):
 
 
 @helper
-def _spread(s, net, turn, out):
-    """Row out: largest size / dot of a net's vectors. A size of zero adds nothing.
+def _spread(s, net, about_b, out):
+    """Row out: largest size / dot of a net's vectors with x, or (about_b) with (COSINE, SINE, 0).
 
     For sub-domains: sizes there are those of the whole patch's vectors, restricted.
     """
     for lane in range(LANES):
         most = 0.0
-        j = turn * LANES + lane
+        c, d = (s[COSINE * LANES + lane], s[SINE * LANES + lane]) if about_b else (1.0, 0.0)
         for k in range(12):
             i = (net + k) * LANES + lane
-            size = s[i + 36 * LANES]
-            dot = s[j] * s[i] + s[j + LANES] * s[i + 12 * LANES]
-            ratio = size / dot if dot > LEAST else np.inf
-            most = max(most, 0.0 if size == 0.0 else ratio)
+            dot = c * s[i] + d * s[i + 12 * LANES]
+            most = max(most, s[i + 36 * LANES] / dot if dot > STEEP * s[SIZE * LANES + lane] else np.inf)
         s[out * LANES + lane] = most
 
 
@@ -269,7 +310,8 @@ def _multiply(s):
 def _slope_n(s, k, lane):
     i = (NORMALS + k) * LANES + lane
     x, y, z = s[i], s[i + 36 * LANES], s[i + 72 * LANES]
-    return _slope(x, y, z, z, x * x + y * y, LEAST_NORMAL)
+    known = z > LEAST_NORMAL
+    return (x * x + y * y if known else np.inf), (z * z if known else 1.0), 0.0
 
 
 @inlined
@@ -292,24 +334,29 @@ def _least_z(s, k, lane):
 
 @helper
 def _cone_n(s):
-    """Rows STEEP_B / STEEP_T: tan^2 of the normals' cone about z; SPREAD_B: least n.z, without binomials. (Free rows.)"""
+    """Rows OVER / UNDER: tan^2 of the normals' cone about z."""
     for lane in range(LANES):
         a = _steeper(_slopes_n(s, 0, lane), _slopes_n(s, 6, lane))
         b = _steeper(_slopes_n(s, 12, lane), _slopes_n(s, 18, lane))
         c = _steeper(_slopes_n(s, 24, lane), _slopes_n(s, 30, lane))
-        s[STEEP_B * LANES + lane], s[STEEP_T * LANES + lane], _ = _steeper(_steeper(a, b), c)
+        s[OVER * LANES + lane], s[UNDER * LANES + lane], _ = _steeper(_steeper(a, b), c)
+
+
+@helper
+def _find_least_z(s):
+    """Row LEAST_Z: least n.z, without binomials."""
     for lane in range(LANES):
         outer = min(_least_z(s, 0, lane), _least_z(s, 30, lane))
         middle = min(_least_z(s, 6, lane), _least_z(s, 24, lane)) * (1.0 / 5.0)
         inner = min(_least_z(s, 12, lane), _least_z(s, 18, lane)) * (1.0 / 10.0)
-        s[SPREAD_B * LANES + lane] = min(outer, min(middle, inner))
+        s[LEAST_Z * LANES + lane] = min(outer, min(middle, inner))
 
 
 @helper
 def _finish_npatch(s):
     """Rows COS and SIN: of the normals' cone, or of the tangents' where that is narrower."""
     for lane in range(LANES):
-        over, under, h = s[STEEP_B * LANES + lane], s[STEEP_T * LANES + lane], s[SPREAD_B * LANES + lane]
+        over, under, h = s[OVER * LANES + lane], s[UNDER * LANES + lane], s[LEAST_Z * LANES + lane]
         squares = s[LONGEST_U * LANES + lane] * s[LONGEST_V * LANES + lane]
         by_tangents = s[COS * LANES + lane] > LEAST_COSINE
         by_length = (2.0 * TANGENT + 3.0) * U * math.sqrt(squares) / h + U
@@ -317,80 +364,104 @@ def _finish_npatch(s):
         steep = over / under
         cosine = 1.0 / math.sqrt(1.0 + steep)
         c, n = widen(math.sqrt(steep) * cosine, cosine, error)
-        known = (over >= 0.0) & (steep < np.inf) & (by_tangents | (h > 0.0)) & (squares < MOST_SQUARE * MOST_SQUARE)
+        known = (steep < np.inf) & (by_tangents | ((h > 0.0) & (squares < MOST_SQUARE * MOST_SQUARE)))
         s[COS * LANES + lane] = max(s[COS * LANES + lane], c) if known else s[COS * LANES + lane]
         s[SIN * LANES + lane] = min(s[SIN * LANES + lane], n) if known else s[SIN * LANES + lane]
+
+
+@helper
+def _bound_by_normals(s, whole):
+    """NPATCH, after TPATCH. Sizes and least n.z are found where a lane of the block needs them."""
+    some_wide = False
+    for lane in range(LANES):
+        some_wide |= not s[COS * LANES + lane] > LEAST_COSINE
+    if some_wide:
+        if whole:
+            _set_sizes(s, ALONG_U)
+            _set_sizes(s, ALONG_V)
+        _longest(s, ALONG_U, LONGEST_U)
+        _longest(s, ALONG_V, LONGEST_V)
+    _scale(s, ALONG_U, FACTORS_U)
+    _scale(s, ALONG_V, FACTORS_V)
+    _multiply(s)
+    _cone_n(s)
+    if some_wide:
+        _find_least_z(s)
+    _finish_npatch(s)
 
 
 # All patches
 
 
+@helper
+def _bound_block(whole, kind, s):
+    """Rows COS, SIN, MOST_X, MOST_Y from the nets."""
+    if not whole:
+        _set_sizes(s, ALONG_U)
+        _set_sizes(s, ALONG_V)
+        restrict_rows(s, ALONG_U, 4, 3, 4, DOMAIN)
+        restrict_rows(s, ALONG_V, 4, 4, 3, DOMAIN)
+    _cone_t(s)
+    _cone_b(s)
+    if not whole:
+        _spread(s, ALONG_U, False, SPREAD_T)
+        _spread(s, ALONG_V, True, SPREAD_B)
+    _combine(s)
+    if kind == NPATCH:
+        _bound_by_normals(s, whole)
+
+
 @kernel
 def _bound_normals(
-    control_points, rational, tangent_id, gregory_id, tangent_u, tangent_v, domain, boxes, kind, s, todo, out
+    control_points, rational, tangent_id, gregory_id, inner, tangent_u, tangent_v, domain, kind, s, points, axes, boxes,
+    todo, out,
 ):  # fmt: skip
     n = len(control_points)
     some_todo = False
     for first in range(0, n, LANES):
-        load_points(control_points, first, n, POINTS, s)
-        whole = load_domains(domain, first, n, DOMAIN, s)
-        for k in range(11):
-            load_row(s, FRAME + k, boxes[k], first)
+        whole = fit_block(control_points, rational, gregory_id, inner, domain, first, WHOLE, s, points, axes)
+        store_rows(s, 0, fit.KEPT, boxes, first)
+        if not whole:
+            turn_points(s, WHOLE)
         _differences(s)
         _load_tangents(tangent_id, tangent_u, tangent_v, first, n, s)
-        if not whole:
-            _set_sizes(s, ALONG_U)
-            _set_sizes(s, ALONG_V)
-            restrict_rows(s, ALONG_U, 4, 3, 4, DOMAIN)
-            restrict_rows(s, ALONG_V, 4, 4, 3, DOMAIN)
+        _bound_block(whole, kind, s)
         for lane in range(min(LANES, n - first)):
             p = first + lane
-            later = rational[p] != 0 and tangent_id[p] < 0
+            later = (rational[p] != 0 and tangent_id[p] < 0) or s[SHORT_T * LANES + lane] + s[
+                SHORT_B * LANES + lane
+            ] > 0.0
             if not whole:
                 later |= _corner_is_zero(s, lane)
             todo[p] = later and gregory_id[p] < 0
             some_todo |= todo[p]
-        if kind == NPATCH:
-            _longest(s, ALONG_U, not whole, LONGEST_U)
-            _longest(s, ALONG_V, not whole, LONGEST_V)
         for lane in range(LANES):
-            s[TURN_T * LANES + lane], s[(TURN_T + 1) * LANES + lane] = 1.0, 0.0
-            s[TURN_B * LANES + lane], s[(TURN_B + 1) * LANES + lane] = s[COSINE * LANES + lane], s[SINE * LANES + lane]
-        for k in range(12):
-            _turn(s, ALONG_U + k, FACTORS_U[k])
-            _turn(s, ALONG_V + k, FACTORS_V[k])
-        _cone(s, ALONG_U, TURN_T, STEEP_T)
-        _cone(s, ALONG_V, TURN_B, STEEP_B)
-        if not whole:
-            _spread(s, ALONG_U, TURN_T, SPREAD_T)
-            _spread(s, ALONG_V, TURN_B, SPREAD_B)
-        _combine(s)
-        if kind == NPATCH:
-            _multiply(s)
-            _cone_n(s)
-            _finish_npatch(s)
+            if gregory_id[min(first + lane, n - 1)] >= 0:
+                s[SIN * LANES + lane] = s[MOST_X * LANES + lane] = s[MOST_Y * LANES + lane] = 1.0
+                s[COS * LANES + lane] = -1.0
         for lane in range(LANES):
-            unknown = gregory_id[min(first + lane, n - 1)] >= 0
-            x = s[(MOST_X if kind == TPATCH_TIGHT else SIN) * LANES + lane]
-            y = s[(MOST_Y if kind == TPATCH_TIGHT else SIN) * LANES + lane]
-            out[0, first + lane], out[1, first + lane] = 1.0 if unknown else x, 1.0 if unknown else y
-            cosine = -1.0 if unknown else s[COS * LANES + lane]
-            out[2, first + lane] = out[3, first + lane] = cosine
+            i, j = SIN * LANES + lane, BOUND * LANES + lane
+            s[j] = s[i + LANES] if kind == TPATCH_TIGHT else s[i]
+            s[j + LANES] = s[i + 2 * LANES] if kind == TPATCH_TIGHT else s[i]
+            s[j + 2 * LANES] = s[j + 3 * LANES] = s[i - LANES]
+        store_rows(s, BOUND, 4, out, first)
     return some_todo
 
 
-def bound_normals(stage: HullInput, boxes: F64, kind: int) -> F64:
-    """Bounds of the normals of all patches over their domains, as `oriented.bound_oriented` takes them.
+def bound_normals(stage: HullInput, kind: int) -> tuple[F64, F64]:
+    """(boxes of `fit.fit_boxes`, bounds of the normals) of all patches over their domains.
 
-    boxes : of `fit.fit_boxes`. kind : TPATCH, TPATCH_TIGHT or NPATCH.
+    The bounds are rows float64[4, columns of boxes]: normals n in the frame have |n.x| <= row 0, |n.y| <= row 1, n.z >= row
+    2; row 3 is the cosine of the half angle of their cone about z, -1 if not known. kind : TPATCH, TPATCH_TIGHT or NPATCH.
     """
     patches = stage.patches
     n = len(patches.control_points)
-    out, todo = np.empty((4, boxes.shape[1])), np.zeros(n, np.bool_)
+    boxes, out, todo = np.empty((fit.KEPT, columns(n))), np.empty((4, columns(n))), np.zeros(n, np.bool_)
     if _bound_normals(
-        patches.control_points.reshape(n, 64), patches.rational, patches.tangent_id, patches.gregory_id,
-        patches.tangent_u, patches.tangent_v, stage.domain, boxes, kind, scratch(ROWS), todo, out,
+        patches.control_points.reshape(n, 64), patches.rational, patches.tangent_id, patches.gregory_id, patches.inner,
+        patches.tangent_u, patches.tangent_v, stage.domain, kind, scratch(ROWS), np.empty((4, 4, 3)), np.empty((3, 3)),
+        boxes, todo, out,
     ):  # fmt: skip
         scalar_normals.bound_normals(stage, np.flatnonzero(todo), boxes, kind == NPATCH, kind == TPATCH_TIGHT, out)
     widen_normals(stage, out)
-    return out
+    return boxes, out

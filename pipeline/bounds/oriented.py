@@ -11,20 +11,17 @@ components of n are off by at most 4 u in length: 6 u |t|, as vectors at most sq
 Each step is a kernel of its own that all bounds share; between them go rows over all patches (`lanes`).
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from pipeline.bounds.fit import AXES, HI, KEPT, LO, SIZE, fit_boxes
-from pipeline.bounds.lanes import LANES, least4, load_row, most4, scratch
+from pipeline.bounds.lanes import LANES, least4, load_rows, most4, scratch
 from pipeline.bounds.lookup import displacement_ranges
+from pipeline.bounds.normals import bound_normals
 from pipeline.bounds.project import allocate, project_boxes
 from pipeline.jit import helper, inlined, kernel
-from pipeline.types import F64, HullInput, PatchBounds
+from pipeline.types import HullInput, PatchBounds
 
 U = 2.0**-24
-
-NormalBound = Callable[[HullInput, F64], F64]
 
 T_LO, T_HI = KEPT, KEPT + 1
 X_MOST, Y_MOST, Z_LEAST, CONE = (KEPT + 2 + k for k in range(4))
@@ -60,43 +57,45 @@ def _grow_block(s):
             s[(HALF + 6 + c) * LANES + lane] = h2 * d
 
 
+@helper
+def _store(first, count, s, bounds):
+    """Boxes and cones of the first `count` lanes to bounds."""
+    center, axes = bounds.center[first:], bounds.axes[first:]
+    cone_axis, cone_cos = bounds.cone_axis[first:], bounds.cone_cos[first:]
+    for lane in range(count):
+        cosine = s[CONE * LANES + lane]
+        cone_cos[lane] = cosine
+        for c in range(3):
+            center[lane, c] = s[(CENTER + c) * LANES + lane]
+            cone_axis[lane, c] = s[(AXES + 6 + c) * LANES + lane] if cosine > -1.0 else 0.0
+            for r in range(3):
+                axes[lane, r, c] = s[(HALF + 3 * r + c) * LANES + lane]
+
+
 @kernel
 def _grow_boxes(boxes, ranges, normals, s, bounds):
     n = len(bounds.center)
     for first in range(0, n, LANES):
-        for k in range(KEPT):
-            load_row(s, k, boxes[k], first)
-        for k in range(2):
-            load_row(s, T_LO + k, ranges[k], first)
-        for k in range(4):
-            if normals.shape[1] > 0:
-                load_row(s, X_MOST + k, normals[k], first)
-            else:
+        load_rows(s, 0, KEPT, boxes, first)
+        load_rows(s, T_LO, 2, ranges, first)
+        if normals.shape[1] > 0:
+            load_rows(s, X_MOST, 4, normals, first)
+        else:
+            for k in range(4):
                 for lane in range(LANES):
                     s[(X_MOST + k) * LANES + lane] = 1.0 if k < 2 else -1.0
         _grow_block(s)
-        for lane in range(min(LANES, n - first)):
-            p = first + lane
-            cosine = s[CONE * LANES + lane]
-            bounds.cone_cos[p] = cosine
-            for c in range(3):
-                bounds.center[p, c] = s[(CENTER + c) * LANES + lane]
-                bounds.cone_axis[p, c] = s[(AXES + 6 + c) * LANES + lane] if cosine > -1.0 else 0.0
-                for r in range(3):
-                    bounds.axes[p, r, c] = s[(HALF + 3 * r + c) * LANES + lane]
+        _store(first, min(LANES, n - first), s, bounds)
 
 
-def bound_oriented(stage: HullInput, normal_bound: NormalBound | None) -> PatchBounds:
+def bound_oriented(stage: HullInput, kind: int | None) -> PatchBounds:
     """Bound every patch over its domain. A weight <= 0 or a broken map gives a NaN box, which culls nothing.
 
-    normal_bound(stage, boxes of `fit_boxes`) gives rows float64[4, columns of boxes]: normals n in the frame have |n.x| <=
-    row 0, |n.y| <= row 1, n.z >= row 2; row 3 is the cosine of the half angle of their cone about z, -1 if not known. None:
-    nothing is known of them.
+    kind : of `normals.bound_normals`. None: nothing is known of the normals.
     """
     bounds = allocate(len(stage.patches.control_points))
-    boxes = fit_boxes(stage)
+    boxes, normals = (fit_boxes(stage), np.empty((4, 0))) if kind is None else bound_normals(stage, kind)
     ranges = displacement_ranges(stage)
-    normals = np.empty((4, 0)) if normal_bound is None else normal_bound(stage, boxes)
     _grow_boxes(boxes, ranges, normals, scratch(ROWS), bounds)
     project_boxes(stage.clip_from_world, stage.viewport, bounds)
     return bounds

@@ -117,9 +117,15 @@ def _pixels(lo, hi, size, offset):
 @inlined
 def _least_depth(z_lo, viewport):
     """z_min, float32, of a box whose least z/w is z_lo."""
+    return np.float32(_depth_of(z_lo, viewport))
+
+
+@inlined
+def _depth_of(z_lo, viewport):
+    """The same before its rounding to float32, which leaves it below the depth."""
     depth = viewport.min_depth + z_lo * (viewport.max_depth - viewport.min_depth)
     depth -= 4.0 * U * (abs(z_lo) + viewport.min_depth)
-    return _float32_below(min(max(depth, viewport.min_depth), viewport.max_depth))
+    return _below(min(max(depth, viewport.min_depth), viewport.max_depth))
 
 
 @inlined
@@ -155,8 +161,8 @@ def _project_one(p, viewport, bounds):
 # the functions of `_classify` are at least.
 
 CENTER, AXES, CORNERS, SLACKS, NEAR, FAR, LOWS, HIGHS = 0, 3, 12, 44, 48, 56, 64, 72
-X0, X1, Y0, Y1, FRONT, INSIDE, LOW, HIGH, BOUND, LEAST = 80, 81, 82, 83, 84, 85, 86, 89, 92, 93
-ROWS = 100
+X0, X1, Y0, Y1, FRONT, INSIDE, LOW, HIGH, BOUND, LEAST, DEPTH = 80, 81, 82, 83, 84, 85, 86, 89, 92, 93, 100
+ROWS = 101
 ROW = LANES  # from a row to the next
 
 
@@ -267,21 +273,37 @@ def _find_pixels(viewport, s):
 
 
 @helper
-def _store(p, lane, viewport, s, bounds):
-    for row in range(4):
+def _find_depths(viewport, s):
+    """Row DEPTH from LOW of z; FRONT also says whether the pixels are known."""
+    for lane in range(LANES):
+        i = X0 * LANES + lane
+        known = (s[i] <= s[i + ROW]) & (s[i + 2 * ROW] <= s[i + 3 * ROW])
+        empty = (s[i] == s[i + ROW]) | (s[i + 2 * ROW] == s[i + 3 * ROW])
+        s[FRONT * LANES + lane] = s[FRONT * LANES + lane] if known else 0.0
+        s[i + ROW], s[i + 3 * ROW] = (s[i] if empty else s[i + ROW]), (s[i + 2 * ROW] if empty else s[i + 3 * ROW])
+        s[DEPTH * LANES + lane] = _depth_of(s[(LOW + 2) * LANES + lane], viewport)
+
+
+@helper
+def _store(first, count, viewport, s, bounds):
+    """Results of the first `count` lanes to bounds; those that are not FRONT by `_project_one`."""
+    corners, slack, rect = bounds.corners[first:], bounds.slack[first:], bounds.rect[first:]
+    z_min, inside = bounds.z_min[first:], bounds.inside[first:]
+    for lane in range(count):
+        to = corners[lane]
         for k in range(8):
-            bounds.corners[p, k, row] = s[(CORNERS + 8 * row + k) * LANES + lane]
-        bounds.slack[p, row] = s[(SLACKS + row) * LANES + lane]
-    if s[FRONT * LANES + lane] == 0.0:
-        _project_one(p, viewport, bounds)
-        return
-    bounds.inside[p] = np.uint8(s[INSIDE * LANES + lane])
-    x0, x1, y0, y1 = s[X0 * LANES + lane], s[X1 * LANES + lane], s[Y0 * LANES + lane], s[Y1 * LANES + lane]
-    if x0 <= x1 and y0 <= y1:
-        _set_rect(bounds.rect[p], x0, y0, x1, y1)
-        bounds.z_min[p] = _least_depth(s[(LOW + 2) * LANES + lane], viewport)
-    else:
-        _project_one(p, viewport, bounds)
+            i = (CORNERS + k) * LANES + lane
+            to[k, 0], to[k, 1], to[k, 2], to[k, 3] = s[i], s[i + 8 * ROW], s[i + 16 * ROW], s[i + 24 * ROW]
+        for row in range(4):
+            slack[lane, row] = s[(SLACKS + row) * LANES + lane]
+        inside[lane] = np.uint8(s[INSIDE * LANES + lane])
+        i = X0 * LANES + lane
+        rect[lane, 0], rect[lane, 1] = np.int32(s[i]), np.int32(s[i + 2 * ROW])
+        rect[lane, 2], rect[lane, 3] = np.int32(s[i + ROW]), np.int32(s[i + 3 * ROW])
+        z_min[lane] = np.float32(s[DEPTH * LANES + lane])
+    for lane in range(count):
+        if s[FRONT * LANES + lane] == 0.0:
+            _project_one(first + lane, viewport, bounds)
 
 
 @kernel
@@ -298,8 +320,8 @@ def _project_boxes(matrix, viewport, s, bounds):
         _classify(s)
         _find_ratios(s)
         _find_pixels(viewport, s)
-        for lane in range(min(LANES, n - first)):
-            _store(first + lane, lane, viewport, s, bounds)
+        _find_depths(viewport, s)
+        _store(first, min(LANES, n - first), viewport, s, bounds)
 
 
 def project_boxes(matrix: F32, viewport: Viewport, bounds: PatchBounds) -> None:
@@ -308,6 +330,6 @@ def project_boxes(matrix: F32, viewport: Viewport, bounds: PatchBounds) -> None:
 
 
 @inlined
-def _float32_below(a):
-    """A float32 not above `a`, for a in [0, 1]."""
-    return np.float32(max(a * (1.0 - 2.0 * U) - 2.0**-149, 0.0))
+def _below(a):
+    """Rounded to float32 this is not above `a`, for a in [0, 1]."""
+    return max(a * (1.0 - 2.0 * U) - 2.0**-149, 0.0)

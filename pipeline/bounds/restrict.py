@@ -88,7 +88,7 @@ def project_net(net):
                 net[i, j, 0], net[i, j, 1], net[i, j, 2] = net[i, j, 0] / w, net[i, j, 1] / w, net[i, j, 2] / w
 
 
-@helper
+@inlined
 def _coordinate_range(texcoords, axis, u0, u1, v0, v1):
     """Least and greatest texture coordinate (axis 0: s, 1: t) over the domain, with what float32 may be off by."""
     c00, c10 = np.float64(texcoords[0, axis]), np.float64(texcoords[1, axis])
@@ -101,7 +101,7 @@ def _coordinate_range(texcoords, axis, u0, u1, v0, v1):
     return min(a, b, c, d) - pad, max(a, b, c, d) + pad
 
 
-@helper
+@inlined
 def texcoord_rect(texcoords, u0, u1, v0, v1):
     """(s0, s1, t0, t1): box of the texture coordinates that the shader computes over the domain, texcoords float32[4, 2].
 
@@ -115,7 +115,7 @@ def texcoord_rect(texcoords, u0, u1, v0, v1):
     return s0, s1, t0, t1
 
 
-@helper
+@inlined
 def domain_displacement(m, texcoords, maps, pyramids, u0, u1, v0, v1, exact):
     """Range of the displacement by map m over the domain, world units; (0, 0) without a map, NaN for a broken map.
 

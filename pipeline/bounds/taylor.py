@@ -34,7 +34,7 @@ import numpy as np
 
 from pipeline.bounds import taylor_model as model
 from pipeline.bounds.cbox import position_errors
-from pipeline.bounds.fit import AXES, FLOAT64, HI, LO, fit_boxes
+from pipeline.bounds.fit import AXES, FLOAT64, HI, LO
 from pipeline.bounds.lookup import displacement_ranges
 from pipeline.bounds.normals import NPATCH, bound_normals
 from pipeline.bounds.project import allocate, project_boxes
@@ -340,8 +340,8 @@ def bound_and_validity(stage: HullInput, clamped: bool) -> tuple[PatchBounds, U8
     """Bounds, and for each patch 1 where its normals have a model; 0 where they have none or none was needed."""
     n = len(stage.patches.control_points)
     bounds, valid = allocate(n), np.empty(n, np.uint8)
-    boxes, reach = fit_boxes(stage), displacement_ranges(stage)
-    normals = bound_normals(stage, boxes, NPATCH)
+    reach = displacement_ranges(stage)
+    boxes, normals = bound_normals(stage, NPATCH)
     _bound_patches(stage.patches, stage.domain, boxes, reach, normals, clamped, allocate_work(), bounds, valid)
     project_boxes(stage.clip_from_world, stage.viewport, bounds)
     return bounds, valid

@@ -4,11 +4,11 @@ Munkberg et al. 2010, section 3.2, equations 14 and 13: the cone about the box's
 the tangents' cones are too wide (`cones.combine_tangent_cones`).
 """
 
-from pipeline.bounds.normals import TPATCH, bound_normals
+from pipeline.bounds.normals import TPATCH
 from pipeline.bounds.oriented import bound_oriented
 from pipeline.types import HullInput, PatchBounds
 
 
 def bound_patches(stage: HullInput) -> PatchBounds:
     """Bound every patch over its domain. A weight <= 0 or a broken map gives a NaN box, which culls nothing."""
-    return bound_oriented(stage, lambda stage, boxes: bound_normals(stage, boxes, TPATCH))
+    return bound_oriented(stage, TPATCH)

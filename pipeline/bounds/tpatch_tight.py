@@ -5,11 +5,11 @@ angles alpha_t, alpha_b satisfies |n.t| <= sin(alpha_t) and |n.b| <= sin(alpha_b
 plane of x and y, so that bounds n_x and n_y; the cone of equation 14 bounds both by their worst sum.
 """
 
-from pipeline.bounds.normals import TPATCH_TIGHT, bound_normals
+from pipeline.bounds.normals import TPATCH_TIGHT
 from pipeline.bounds.oriented import bound_oriented
 from pipeline.types import HullInput, PatchBounds
 
 
 def bound_patches(stage: HullInput) -> PatchBounds:
     """Bound every patch over its domain. A weight <= 0 or a broken map gives a NaN box, which culls nothing."""
-    return bound_oriented(stage, lambda stage, boxes: bound_normals(stage, boxes, TPATCH_TIGHT))
+    return bound_oriented(stage, TPATCH_TIGHT)
