@@ -26,7 +26,7 @@ def render_frame(scene: Scene, machine: Machine, number: float, host: Host, prog
     viewport = Viewport(0, 0, width, height, 0.0, 1.0)
     grid = make_grid(width, height, machine.tile)
     target = back_end.make_target(scene.picture)
-    packed = front_end.scene_maps(scene)
+    packed = front_end.scene_maps(scene, number)
     tally = Tally(scene, machine, grid)
     memory = make_queue_memory(machine, grid, scene.picture.samples)
 

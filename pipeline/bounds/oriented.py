@@ -19,6 +19,7 @@ from pipeline.bounds.fit import AXES, HI, KEPT, LO, SIZE, fit_boxes
 from pipeline.bounds.lanes import LANES, least4, load_row, most4, scratch
 from pipeline.bounds.lookup import displacement_ranges
 from pipeline.bounds.project import allocate, project_boxes
+from pipeline.bounds.vector import grow_by_vectors
 from pipeline.jit import helper, inlined, kernel
 from pipeline.types import F64, HullInput, PatchBounds
 
@@ -98,5 +99,6 @@ def bound_oriented(stage: HullInput, normal_bound: NormalBound | None) -> PatchB
     ranges = displacement_ranges(stage)
     normals = np.empty((4, 0)) if normal_bound is None else normal_bound(stage, boxes)
     _grow_boxes(boxes, ranges, normals, scratch(ROWS), bounds)
+    grow_by_vectors(stage, boxes, bounds)
     project_boxes(stage.clip_from_world, stage.viewport, bounds)
     return bounds

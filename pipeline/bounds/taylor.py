@@ -38,6 +38,7 @@ from pipeline.bounds.lookup import displacement_ranges
 from pipeline.bounds.normals import NPATCH, bound_normals
 from pipeline.bounds.project import allocate, project_boxes
 from pipeline.bounds.restrict import project_net, restrict_patch
+from pipeline.bounds.vector import grow_by_vectors
 from pipeline.jit import helper, kernel
 from pipeline.types import F64, U8, HullInput, PatchBounds
 
@@ -339,6 +340,7 @@ def bound_and_validity(stage: HullInput, clamped: bool) -> tuple[PatchBounds, U8
     boxes, reach = fit_boxes(stage), displacement_ranges(stage)
     normals = bound_normals(stage, boxes, NPATCH)
     _bound_patches(stage.patches, stage.domain, boxes, reach, normals, clamped, allocate_work(), bounds, valid)
+    grow_by_vectors(stage, boxes, bounds)
     project_boxes(stage.clip_from_world, stage.viewport, bounds)
     return bounds, valid
 

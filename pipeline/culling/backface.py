@@ -8,8 +8,8 @@ back, and so it does here.
 Which patches a test answers for is decided here, in one place. A displaced surface has another normal than its base, so the
 tests of base normals take undisplaced patches (`is_plain`); `displaced` and `tessellation_safe` bound the displaced normal,
 and take displaced patches that are one polynomial net (`is_single_net`): neither rational, nor ACC, whose displacement has
-the direction of other tangents. No test answers for Gregory patches (they are not the surface of 16 points), for weights
-<= 0, for an eye that is not known, and where something gives a NaN.
+the direction of other tangents; nor displaced by vectors or by a seam's owner. No test answers for Gregory patches (they
+are not the surface of 16 points), for weights <= 0, for an eye that is not known, and where something gives a NaN.
 """
 
 from collections.abc import Callable
@@ -17,6 +17,7 @@ from enum import IntEnum
 
 import numpy as np
 
+from pipeline.bounds.vector import is_special
 from pipeline.types import B1, F64, I64, U8, CullFlag, FaceCull, HullInput, Patches
 
 
@@ -54,10 +55,15 @@ def is_plain(patches: Patches, numbers: I64) -> B1:
     return (patches.map_id[numbers] < 0) & (patches.gregory_id[numbers] < 0)
 
 
-def is_single_net(patches: Patches, numbers: I64) -> B1:
-    """Which of the patches `numbers` follow from one net of points, all weights 1, displaced along its own normal or not."""
+def is_single_net(stage: HullInput, numbers: I64) -> B1:
+    """Which of the patches `numbers` follow from one net of points, all weights 1, displaced along its own normal or not.
+
+    Not those displaced by vectors, and not those whose edges take the displacement of another patch (closed seams).
+    """
+    patches = stage.patches
     bezier = (patches.map_id[numbers] < 0) | (patches.tangent_id[numbers] < 0)
-    return bezier & (patches.gregory_id[numbers] < 0) & (patches.rational[numbers] == 0)
+    fine = bezier & (patches.gregory_id[numbers] < 0) & (patches.rational[numbers] == 0)
+    return fine & ~is_special(patches, stage.maps)[numbers]
 
 
 def turn_mirrored(stage: HullInput, facing: U8) -> U8:

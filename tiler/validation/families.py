@@ -117,12 +117,20 @@ def _constant(rng: np.random.Generator) -> tuple[F32, float, float]:
     return np.full((2, 3), rng.normal(), np.float32), float(rng.normal() * 0.3), float(rng.normal() * 0.3)
 
 
+def _vectors(rng: np.random.Generator) -> tuple[F32, float, float]:
+    """Noise or spikes in three components, one of them often zero."""
+    texels = rng.normal(0, 1, (*rng.integers(1, 12, 2), 3)) * rng.integers(0, 2, (1, 1, 3))
+    texels *= rng.random((*texels.shape[:2], 1)) < rng.choice([0.05, 1.0])
+    return texels.astype(np.float32), float(rng.normal() * 10.0 ** rng.uniform(-3, 0)), float(rng.normal() * 0.1)
+
+
 MAPS: dict[str, Callable[[np.random.Generator], tuple[F32, float, float]]] = {
     "plain": _no_map,
     "spikes": _spikes,
     "noise": _noise,
     "steps": _steps,
     "constant": _constant,
+    "vectors": _vectors,
 }
 
 
@@ -139,7 +147,8 @@ FAMILIES: tuple[tuple[str, str, str], ...] = (
     ("needle", "noise", ""), ("smooth", "plain", "tiny"), ("smooth", "noise", "tiny"), ("smooth", "plain", "huge"),
     ("rational", "noise", "huge"), ("smooth", "plain", "far away"), ("smooth", "noise", "far away"),
     ("degenerate", "plain", "far away"), ("bad weights", "noise", ""), ("rational degenerate", "plain", ""),
-    ("degenerate", "spikes", "huge"),
+    ("degenerate", "spikes", "huge"), ("smooth", "vectors", ""), ("rational", "vectors", ""),
+    ("degenerate", "vectors", ""), ("needle", "vectors", "tiny"), ("smooth", "vectors", "far away"),
 )  # fmt: skip
 
 
@@ -150,6 +159,7 @@ class Batch(NamedTuple):
     control_points: F32  # (P, 4, 4, 4)
     texcoords: F32  # (P, 4, 2)
     maps: Texels
+    turn: F32  # (maps, 3, 3) axes of the maps of vectors
     map_id: I32  # (P,)
     domain: F64  # (P, 4) multiples of 2^-16
     camera: Camera
@@ -202,6 +212,14 @@ def _factors(rng: np.random.Generator, n: int) -> TessFactors:
     return TessFactors(np.ascontiguousarray(six[:, :4]), np.ascontiguousarray(six[:, 4:]))
 
 
+def _turns(rng: np.random.Generator, n: int) -> F32:
+    """Axes for vectors: the world's, turned, or scaled and sheared, float32[n, 3, 3]."""
+    turns = rng.normal(size=(n, 3, 3))
+    turns[0::3] = np.eye(3)
+    turns[1::3] = np.linalg.qr(turns[1::3])[0]
+    return turns.astype(np.float32)
+
+
 def make_batch(seed: int, number: int, n: int = PATCHES) -> Batch:
     """Batch `number` of a seed: n patches of one family, seen by one camera."""
     rng = np.random.default_rng([seed, number])
@@ -223,6 +241,7 @@ def make_batch(seed: int, number: int, n: int = PATCHES) -> Batch:
         control_points=np.ascontiguousarray(net, np.float32),
         texcoords=rng.uniform(-1, 2, (n, 4, 2)).astype(np.float32),
         maps=maps,
+        turn=_turns(np.random.default_rng([seed, number, 4]), count),
         map_id=np.full(n, -1, np.int32) if kind == "plain" else np.arange(n, dtype=np.int32),
         domain=_domains(rng, n) if rng.integers(2) else np.tile([0.0, 1.0, 0.0, 1.0], (n, 1)),
         camera=_camera(shift, scale, rng),
@@ -241,9 +260,11 @@ def make_stage(batch: Batch) -> HullInput:
     """The hull stage's input of a batch."""
     n = len(batch.control_points)
     patches = make_patches(batch.control_points, batch.texcoords, batch.map_id, np.zeros(n, np.int32))
+    maps = pack_maps(batch.maps)
+    maps.turn[: len(batch.turn)] = batch.turn
     return hull.make_input(
         patches,
-        pack_maps(batch.maps),
+        maps,
         batch.camera.clip_from_world,
         batch.viewport,
         eye=batch.camera.eye,
