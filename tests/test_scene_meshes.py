@@ -1,8 +1,7 @@
 """Control meshes in scenes: drawn the same in both binnings, counted as defined, moved by keys and bones, read from files."""
 
-import sys
 from dataclasses import replace
-from types import ModuleType
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -184,10 +183,8 @@ refine = "uniform"
 def folder(tmp_path, monkeypatch):
     """A folder with a scene file; its mesh file is read by a stand-in that answers `folder.meshes`."""
     points, cage = box()
-    module = ModuleType("tiler.scene.mesh_files")
-    module.meshes = [control_mesh(points, cage)]
-    module.read_mesh = lambda path: (module.meshes, ())
-    monkeypatch.setitem(sys.modules, "tiler.scene.mesh_files", module)
+    module = SimpleNamespace(meshes=[control_mesh(points, cage)])
+    monkeypatch.setattr(surfaces, "read_mesh", lambda path: (module.meshes, ()))
     (tmp_path / "scene.toml").write_text(SCENE)
     return tmp_path, module
 
