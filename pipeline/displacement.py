@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.jit import helper, kernel
+from pipeline.jit import helper, inlined, kernel
 from pipeline.types import F32, F64, Address, DisplacementMaps
 
 ONE = np.float32(1.0)
@@ -159,7 +159,7 @@ def _texel(i, n, mode):
     return min(max(i, 0), n - 1)
 
 
-@helper
+@inlined  # or several callers would keep LLVM from it, and a lookup is a tenth of the shader
 def fetch(maps, m, x, y):
     """Bilinear value of map m at texel coordinates (x, y), before scale and bias, and its derivatives along x and y."""
     if not (abs(x) < FAR_TEXEL and abs(y) < FAR_TEXEL):  # also where a coordinate is NaN
