@@ -1,5 +1,7 @@
 """Displacement maps: bilinear lookups as the domain shader makes them, and the range that a map can return.
 
+A map gives a number, by which a point moves along its normal, or a vector, by which it moves as it is.
+
 Texture space: texel (i, j) of a w x h map has its centre at s = (i + 0.5) / w, t = (j + 0.5) / h; row 0 is at t = 0.
 The address mode is applied to each texel number by itself (D3D11.3 functional specification, 7.18).
 """
@@ -8,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.jit import helper
+from pipeline.jit import helper, inlined, kernel
 from pipeline.types import F32, F64, Address, DisplacementMaps
 
 ONE = np.float32(1.0)
@@ -18,17 +20,36 @@ WRAP, MIRROR = int(Address.WRAP), int(Address.MIRROR)
 
 
 def pack_maps(maps: Sequence[tuple[F32, Address, float, float]]) -> DisplacementMaps:
-    """Pack maps, each (texels float32[h, w], address, scale, bias), into the arrays that kernels read."""
-    sizes = [texels.shape[::-1] for texels, _, _, _ in maps]
+    """Pack maps, each (texels float32[h, w], or [h, w, 3] for vectors; address, scale, bias), into what kernels read.
+
+    The axes of vectors are the world's; `turn` may be replaced.
+    """
+    rows: list[tuple[F32, Address, float, float]] = []
+    components: list[tuple[F32, Address, float, float]] = []
+    planes: list[tuple[int, int, int]] = []
+    for texels, address, scale, bias in maps:
+        if texels.ndim == 2:
+            rows.append((texels, address, scale, bias))
+            planes.append((-1, -1, -1))
+        else:
+            first = len(maps) + len(components)
+            rows.append((np.zeros((1, 1), np.float32), address, 0.0, 0.0))
+            planes.append((first, first + 1, first + 2))
+            components += [(texels[..., c], address, scale, bias) for c in range(3)]
+    rows += components
+    planes += [(-1, -1, -1)] * len(components)
+    sizes = [texels.shape[::-1] for texels, _, _, _ in rows]
     return DisplacementMaps(
         texels=np.concatenate(
-            [np.zeros(0, np.float32)] + [texels.astype(np.float32).ravel() for texels, _, _, _ in maps]
+            [np.zeros(0, np.float32)] + [texels.astype(np.float32).ravel() for texels, _, _, _ in rows]
         ),
         first=np.cumsum([0] + [w * h for w, h in sizes], dtype=np.int64),
         size=np.array(sizes, np.int32).reshape(-1, 2),
-        address=np.array([address for _, address, _, _ in maps], np.int32),
-        scale=np.array([scale for _, _, scale, _ in maps], np.float32),
-        bias=np.array([bias for _, _, _, bias in maps], np.float32),
+        address=np.array([address for _, address, _, _ in rows], np.int32),
+        scale=np.array([scale for _, _, scale, _ in rows], np.float32),
+        bias=np.array([bias for _, _, _, bias in rows], np.float32),
+        planes=np.array(planes, np.int32).reshape(-1, 3),
+        turn=np.tile(np.eye(3, dtype=np.float32), (len(rows), 1, 1)),
     )
 
 
@@ -37,7 +58,7 @@ def map_ranges(maps: DisplacementMaps) -> F64:
 
     A bilinear value is a convex combination of texels, so the texels' range holds it up to rounding: the fetch rounds
     three times an axis, scale and bias once each, every time by at most 2^-24 of a magnitude that the range bounds.
-    NaN where the map holds a NaN.
+    NaN where the map holds a NaN. Of a map of vectors: minus and plus the greatest length (`vector_lengths`).
     """
     ranges = np.zeros((len(maps.size), 2))
     for m in range(len(ranges)):
@@ -49,7 +70,63 @@ def map_ranges(maps: DisplacementMaps) -> F64:
         ranges[m] = min(ends) - pad, max(ends) + pad
         if not np.isfinite(lo + hi):
             ranges[m] = np.nan
+    return vector_lengths(maps, ranges)
+
+
+def vector_lengths(maps: DisplacementMaps, ranges: F64) -> F64:
+    """`ranges` of all rows, with those of maps of vectors made of their components': for a `turn` that has changed."""
+    if (maps.planes[:, 0] < 0).all():
+        return ranges
+    ranges = ranges.copy()
+    _vector_lengths(maps, ranges)
     return ranges
+
+
+@helper
+def turned_sums(turn, box):
+    """Largest sum of the magnitudes of the products in one row of turn @ d, for d in box ((lo, hi) of each component)."""
+    most = 0.0
+    for r in range(3):
+        total = 0.0
+        for c in range(3):
+            total += abs(np.float64(turn[r, c])) * max(abs(box[c][0]), abs(box[c][1]))
+        most = max(most, total)
+    return most
+
+
+@helper
+def greatest_length(turn, box):
+    """Greatest length of the shader's turn @ d for d in box ((lo, hi) of each component); NaN if something is not finite.
+
+    The length is convex, so it is greatest at a corner of the box. Each row rounds five times, by at most 3 u (2^-24) of
+    the sum of its products' magnitudes: 12 u of the largest such sum covers the three rows.
+    """
+    most = 0.0
+    for corner in range(8):
+        square = 0.0
+        for r in range(3):
+            x = 0.0
+            for c in range(3):
+                x += np.float64(turn[r, c]) * box[c][corner >> c & 1]
+            square += x * x
+        most = max(most, np.sqrt(square))
+    sums = turned_sums(turn, box)
+    poison = 0.0
+    for c in range(3):
+        poison += (box[c][0] - box[c][0]) + (box[c][1] - box[c][1])
+        for r in range(3):
+            poison += np.float64(turn[r, c]) * 0.0
+    return most + 12.0 * 2.0**-24 * sums + 2.0**-140 + poison
+
+
+@kernel
+def _vector_lengths(maps, ranges):
+    for m in range(len(maps.planes)):
+        x, y, z = maps.planes[m]
+        if x >= 0:
+            box = ((ranges[x, 0], ranges[x, 1]), (ranges[y, 0], ranges[y, 1]), (ranges[z, 0], ranges[z, 1]))
+            most = greatest_length(maps.turn[m], box)
+            ranges[m, 0], ranges[m, 1] = -most, most
 
 
 @helper
@@ -82,7 +159,7 @@ def _texel(i, n, mode):
     return min(max(i, 0), n - 1)
 
 
-@helper
+@inlined  # or several callers would keep LLVM from it, and a lookup is a tenth of the shader
 def fetch(maps, m, x, y):
     """Bilinear value of map m at texel coordinates (x, y), before scale and bias, and its derivatives along x and y."""
     if not (abs(x) < FAR_TEXEL and abs(y) < FAR_TEXEL):  # also where a coordinate is NaN

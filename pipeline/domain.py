@@ -13,9 +13,12 @@ roundings, and the slow twin repeats it):
 - unit normal n of du x dv; where that vanishes (collapsed edges) the normal of a point moved 2^-9 of the way to the
   patch's middle, which is the limit to that accuracy; zero if that vanishes too;
 - patches that share their edges' normals (`normal_id`) and are displaced: on an edge n is the edge's (edge_normals.py);
-- displaced position d = p + t n, then each clip component ((m0 x + m1 y) + m2 z) + m3;
+- texture seams that are closed (`seam_id`): on an edge t, or the vector, is that of the edge's lowest patch (seams.py);
+- displaced position d = p + t n, or p + L (x, y, z) for a map of vectors, L its `turn`, a row of it summed as
+  (L0 x + L1 y) + L2 z; then each clip component ((m0 x + m1 y) + m2 z) + m3;
 - the normal handed to the pixel shader is that of the displaced surface to first order in its slope (Blinn 1978):
-  p_u x p_v + t_v (p_u x n) + t_u (n x p_v), made unit; n itself where there is no map.
+  p_u x p_v + t_v (p_u x n) + t_u (n x p_v), made unit; n itself where there is no map. Displaced by vectors: d_u x d_v, d_u =
+  p_u + the derivative of the vector, a component after the other.
 
 Points are shaded in blocks of up to ROW, in passes over rows of one scratch array. All rows lie in one array at constant
 distances, so LLVM sees without run-time checks that no store meets a later load, and vectorizes every pass but the
@@ -42,11 +45,12 @@ from pipeline.displacement import fetch, gradient, texel_coordinates
 from pipeline.edge_normals import write_edge_normals
 from pipeline.gregory import gregory_u, gregory_v, gregory_value, inner_net, inverse_weights
 from pipeline.jit import helper, inlined, kernel
+from pipeline.seams import write_seam_values
 
 ROW = 256  # points in a block: all rows together stay in the first-level cache
 
-U, V, PX, PY, PZ, AX, AY, AZ, BX, BY, BZ, T, S, NX, NY, NZ, CX, CY, CZ, CW, GX, GY = (k * ROW for k in range(22))
-SCRATCH = 22 * ROW  # float32 entries that the caller provides
+U, V, PX, PY, PZ, AX, AY, AZ, BX, BY, BZ, T, S, NX, NY, NZ, CX, CY, CZ, CW, GX, GY, GV = (k * ROW for k in range(23))
+SCRATCH = 23 * ROW  # float32 entries that the caller provides
 
 ONE = np.float32(1.0)
 THREE = np.float32(3.0)
@@ -270,6 +274,52 @@ def _bump_pass(scale, s, n):
 
 
 @helper
+def _vector_pass(factor, texcoords, seams, maps, m, s, n):
+    """Rows P: displaced by the vectors of map m; rows A: unit normal of that surface. Derivatives are `factor` A and B.
+
+    seams : of one or no seam_edges and seam_corners.
+    """
+    u, v, x, y = _row(s, U, n), _row(s, V, n), _row(s, S, n), _row(s, T, n)
+    gx, gy, gu, gv = _row(s, GX, n), _row(s, GY, n), _row(s, CW, n), _row(s, GV, n)
+    turn, planes = maps.turn[m], maps.planes[m]
+    width, height = np.float32(maps.size[planes[0], 0]), np.float32(maps.size[planes[0], 1])
+    texel_coordinates(texcoords, maps, planes[0], u, v, x, y)
+    for r in range(6):
+        a = _row(s, AX + r * ROW, n)
+        for k in range(n):
+            a[k] = factor * a[k]
+    for c in range(3):
+        plane, value = planes[c], _row(s, CX + c * ROW, n)
+        scale, bias = maps.scale[plane], maps.bias[plane]
+        for k in range(n):
+            value[k], gx[k], gy[k] = fetch(maps, plane, x[k], y[k])
+        for k in range(n):
+            value[k] = scale * value[k] + bias
+        if len(seams[0]) > 0:
+            write_seam_values(seams[0][0], seams[1][0], maps, plane, u, v, value)
+        gradient(texcoords, width, height, scale, u, v, gx, gy, gu, gv)
+        for r in range(3):
+            along = turn[r, c]
+            for k in range(n):
+                s[AX + r * ROW + k] += along * s[CW + k]
+                s[BX + r * ROW + k] += along * s[GV + k]
+    for r in range(3):
+        t0, t1, t2 = turn[r, 0], turn[r, 1], turn[r, 2]
+        for k in range(n):
+            s[PX + r * ROW + k] += (t0 * s[CX + k] + t1 * s[CY + k]) + t2 * s[CZ + k]
+    for k in range(n):
+        ax, ay, az = s[AX + k], s[AY + k], s[AZ + k]
+        bx, by, bz = s[BX + k], s[BY + k], s[BZ + k]
+        x0, x1, x2 = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        square = (x0 * x0 + x1 * x1) + x2 * x2
+        safe = square > TINY and square < HUGE
+        length = np.sqrt(square)
+        s[AX + k] = x0 / length if safe else s[NX + k]
+        s[AY + k] = x1 / length if safe else s[NY + k]
+        s[AZ + k] = x2 / length if safe else s[NZ + k]
+
+
+@helper
 def _transform_pass(matrix, displaced, s, n):
     """Rows C: clip position of p + t n (of p where the patch has no map: adding 0 n would turn NaN normals into cracks)."""
     if displaced:
@@ -332,7 +382,7 @@ def _shade_surface(shape, edges, texcoords, map_id, maps, matrix, s, n):
     """As `_shade_bezier`, for any patch.
 
     shape : control points, rational, and arrays of one or no tangent_u, tangent_v and inner. edges : of one or no edge_row
-    and corner_row, then edge_normals and corner_normals.
+    and corner_row, edge_normals and corner_normals, and of one or no seam_edges and seam_corners.
     """
     cp, rational, tu, tv, inner = shape
     if len(tu) > 0:
@@ -343,15 +393,21 @@ def _shade_surface(shape, edges, texcoords, map_id, maps, matrix, s, n):
         _bezier_passes(cp, rational, s, n)
     _normal_pass(s, n)
     _mend_normals(shape, s, n)
-    if map_id >= 0:
+    factor = ONE if len(tu) > 0 else THREE
+    by_vectors = map_id >= 0 and maps.planes[map_id, 0] >= 0
+    if by_vectors:
+        _vector_pass(factor, texcoords, (edges[4], edges[5]), maps, map_id, s, n)
+    elif map_id >= 0:
         if len(edges[0]) > 0:
             write_edge_normals(
                 edges[0][0], edges[1][0], edges[2], edges[3], _row(s, U, n), _row(s, V, n), _row(s, NX, n),
                 _row(s, NY, n), _row(s, NZ, n), _row(s, T, n),
             )  # fmt: skip
         _displacement_pass(texcoords, maps, map_id, s, n)
-        _bump_pass(ONE if len(tu) > 0 else THREE, s, n)
-    _transform_pass(matrix, map_id >= 0, s, n)
+        if len(edges[4]) > 0:
+            write_seam_values(edges[4][0], edges[5][0], maps, map_id, _row(s, U, n), _row(s, V, n), _row(s, T, n))
+        _bump_pass(factor, s, n)
+    _transform_pass(matrix, map_id >= 0 and not by_vectors, s, n)
 
 
 @helper
@@ -370,6 +426,7 @@ def _shape_of(patches, p):
     )  # fmt: skip
     edges = (
         _one(patches.edge_row, shared), _one(patches.corner_row, shared), patches.edge_normals, patches.corner_normals,
+        _one(patches.seam_edges, patches.seam_id[p]), _one(patches.seam_corners, patches.seam_id[p]),
     )  # fmt: skip
     return shape, edges
 
@@ -388,7 +445,11 @@ def shade_patches(begin, end, live, patches, patterns, maps, matrix, points, scr
         count = patterns.first_point[pattern + 1] - source
         target = points.first[k]
         cp, texcoords, map_id = patches.control_points[p], patches.texcoords[p], patches.map_id[p]
-        plain = patches.tangent_id[p] < 0 and patches.gregory_id[p] < 0 and (patches.normal_id[p] < 0 or map_id < 0)
+        plain = (
+            patches.tangent_id[p] < 0
+            and patches.gregory_id[p] < 0
+            and (map_id < 0 or (patches.normal_id[p] < 0 and patches.seam_id[p] < 0 and maps.planes[map_id, 0] < 0))
+        )
         for block in range(0, count, ROW):
             n = min(ROW, count - block)
             for i in range(n):

@@ -43,7 +43,7 @@ def _edge_net(edge_normals, row, c):
 
 
 @helper
-def _edge_of(u, v):
+def edge_of(u, v):
     """Number of the edge that (u, v) lies on in SV_TessFactor order, 4 + number of the corner, or -1 inside."""
     on_u, on_v = not ZERO < u < ONE, not ZERO < v < ONE
     if on_u:
@@ -94,12 +94,12 @@ def write_edge_normals(edge_row, corner_row, edge_normals, corner_normals, u, v,
     other, as the tessellator makes them, are done at once.
     """
     n, begin = len(u), 0
-    while n > 0 and _edge_of(u[n - 1], v[n - 1]) < 0:  # the points inside come last
+    while n > 0 and edge_of(u[n - 1], v[n - 1]) < 0:  # the points inside come last
         n -= 1
     while begin < n:
-        edge = _edge_of(u[begin], v[begin])
+        edge = edge_of(u[begin], v[begin])
         end = begin + 1
-        while end < n and _edge_of(u[end], v[end]) == edge:
+        while end < n and edge_of(u[end], v[end]) == edge:
             end += 1
         if edge >= 4:
             row = corner_row[edge - 4]

@@ -63,8 +63,11 @@ def _fine_edges(patches: Patches) -> B1:
     return np.append(edges[edge].all(axis=1) & corners[patches.corner_row].all(axis=1), True)
 
 
-def surface_patches(surface: Surface, vertices: F32, map_id: int, object_id: int) -> Patches:
-    """Control-point phase: patches of a subdivision surface, of its control mesh's points float32[V, 3] in world space."""
+def surface_patches(surface: Surface, vertices: F32, map_id: int, object_id: int, close_seams: bool = False) -> Patches:
+    """Control-point phase: patches of a subdivision surface, of its control mesh's points float32[V, 3] in world space.
+
+    close_seams : displace edges and vertices by the texture coordinates of the lowest of their patches.
+    """
     made = run_control_points(surface, vertices, map_id >= 0)
     n = surface.num_patches
     none, all_of_them = np.full(n, -1, np.int32), np.arange(n, dtype=np.int32)
@@ -85,6 +88,9 @@ def surface_patches(surface: Surface, vertices: F32, map_id: int, object_id: int
         edge_normals=made.edge_normals,
         corner_normals=made.corner_normals,
         normal_slack=made.normal_slack,
+        seam_id=surface.seam_id if close_seams and map_id >= 0 else none,
+        seam_edges=surface.seam_edges,
+        seam_corners=surface.seam_corners,
     )
 
 
@@ -122,6 +128,7 @@ _TABLE_OF = {
     "normal_id": "edge_row",
     "edge_row": "edge_normals",
     "corner_row": "corner_normals",
+    "seam_id": "seam_edges",
 }
 
 

@@ -6,7 +6,7 @@ coarse tessellation are seen. Its factors are raised; an edge that it shares is 
 
 import numpy as np
 
-from pipeline.types import F32, I32, U8, TessFactors
+from pipeline.types import B1, F32, I32, U8, TessFactors
 
 
 def shared_edges(control_points: F32) -> I32:
@@ -15,6 +15,11 @@ def shared_edges(control_points: F32) -> I32:
     control_points : float32[P, 4, 4, 4]. Edges are shared where their four control points are equal bit for bit, in
     either direction. The numbers depend on the shape only, so they can be kept while a mesh is animated.
     """
+    return edges_and_directions(control_points)[0]
+
+
+def edges_and_directions(control_points: F32) -> tuple[I32, B1]:
+    """`shared_edges`, and for each edge whether its number runs against u or v, bool[P, 4]."""
     n = len(control_points)
     edges = np.stack(
         [control_points[:, 0], control_points[:, :, 0], control_points[:, 3], control_points[:, :, 3]], axis=1
@@ -25,9 +30,10 @@ def shared_edges(control_points: F32) -> I32:
     differs = bits != turned
     first = np.where(differs.any(axis=1), differs.argmax(axis=1), 0)
     rows = np.arange(4 * n)
-    bits = np.where((turned[rows, first] < bits[rows, first])[:, None], turned, bits)
+    against = turned[rows, first] < bits[rows, first]
+    bits = np.where(against[:, None], turned, bits)
     _, number = np.unique(bits, axis=0, return_inverse=True)
-    return number.reshape(n, 4).astype(np.int32)
+    return number.reshape(n, 4).astype(np.int32), against.reshape(n, 4)
 
 
 def raise_factors(factors: TessFactors, edge: I32, silhouette: U8, scale: float, most: float) -> TessFactors:

@@ -57,7 +57,11 @@ class CullFlag(IntEnum):
 
 
 class DisplacementMaps(NamedTuple):
-    """All displacement maps of a scene, packed. A displacement is `scale * bilinear(texels) + bias`, world units."""
+    """All displacement maps of a scene, packed. A displacement is `scale * bilinear(texels) + bias`, world units.
+
+    A map of vectors is four rows: its own, one texel of zero that stands for it, and behind the rows of all maps one for each
+    component, maps like any other. Its displacement is `turn @ (components)`, with each component's scale and bias.
+    """
 
     texels: F32  # (sum of w*h,) row-major, row 0 at t = 0
     first: I64  # (L+1,) texels of map k are texels[first[k]:first[k+1]]
@@ -65,6 +69,8 @@ class DisplacementMaps(NamedTuple):
     address: I32  # (L,) Address
     scale: F32  # (L,)
     bias: F32  # (L,)
+    planes: I32  # (L, 3) rows of the components of a map of vectors; -1 for any other row
+    turn: F32  # (L, 3, 3) of a map of vectors: from its axes to the world's, column vectors
 
 
 class Pyramids(NamedTuple):
@@ -74,7 +80,9 @@ class Pyramids(NamedTuple):
     hi: F32  # greatest texel of each block
     first: I64  # (L, levels)
     size: I64  # (L, levels, 2) width, height; 0 beyond the top level, which is 1 x 1
-    whole: F64  # (L, 2) range of any lookup anywhere, world units, `displacement.map_ranges`
+    whole: (
+        F64  # (L, 2) range of any lookup anywhere, world units; of vectors +- their length: `displacement.map_ranges`
+    )
 
 
 class Slopes(NamedTuple):
@@ -111,6 +119,13 @@ class Patches(NamedTuple):
     edge_normals: F32  # (E, 6, 3) control vectors of degree 5 of the edge's normal, not unit
     corner_normals: F32  # (V, 3) unit
     normal_slack: F32  # (P,) at most this far is the unit normal on an edge from that of the patch's own tangents
+    seam_id: (
+        I32  # (P,) row of the patch in seam_edges and seam_corners, -1 = its edges are displaced by its own texcoords
+    )
+    seam_edges: (
+        F32  # (S, 4, 2, 2) (s, t) with which edges are displaced: SV_TessFactor order, low and high end of u or v
+    )
+    seam_corners: F32  # (S, 4, 2) (s, t) with which corners are displaced: (u, v) = (0,0) (1,0) (0,1) (1,1)
 
     def take(self, rows: I32 | I64) -> "Patches":
         """The patches of these numbers, in this order; the tables of tangents and inner points stay whole."""
@@ -124,6 +139,7 @@ class Patches(NamedTuple):
             gregory_id=self.gregory_id[rows],
             normal_id=self.normal_id[rows],
             normal_slack=self.normal_slack[rows],
+            seam_id=self.seam_id[rows],
         )
 
 

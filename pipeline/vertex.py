@@ -65,4 +65,7 @@ def make_patches(control_points: F32, texcoords: F32, map_id: I32, object_id: I3
         edge_normals=np.empty((0, 6, 3), np.float32),
         corner_normals=np.empty((0, 3), np.float32),
         normal_slack=np.zeros(len(control_points), np.float32),
+        seam_id=none.copy(),
+        seam_edges=np.empty((0, 4, 2, 2), np.float32),
+        seam_corners=np.empty((0, 4, 2), np.float32),
     )

@@ -164,6 +164,47 @@ def displacement(image, texcoords, u, v):
     return scale * value + bias, *slopes
 
 
+def owner_coordinates(patches, p, u, v):
+    """(s, t) of the patch that owns the edge or corner at (u, v), where patch p touches a closed seam; else None."""
+    row = patches.seam_id[p]
+    if row < 0 or (0 < u < 1 and 0 < v < 1):
+        return None
+    if u in (0, 1) and v in (0, 1):
+        return patches.seam_corners[row, int(u) + 2 * int(v)]
+    edge, w = ({0: 0, 1: 2}[int(u)], v) if u in (0, 1) else ({0: 1, 1: 3}[int(v)], u)
+    low, high = patches.seam_edges[row, edge]
+    return [(F(1) - w) * low[c] + w * high[c] for c in range(2)]
+
+
+def value_at(image, s, t):
+    height, width = (F(n) for n in image.texels.shape)
+    return F(image.scale) * fetch(image, s * width - F(0.5), t * height - F(0.5))[0] + F(image.bias)
+
+
+def vector_displacement(image, turn, texcoords, owner, u, v):
+    """Vector in world space, and its derivatives along u and v. image: texels (h, w, 3); owner: (s, t) or None."""
+    parts = [image._replace(texels=np.ascontiguousarray(image.texels[..., c])) for c in range(3)]
+    d, du, dv = zip(*(displacement(part, texcoords, u, v) for part in parts), strict=True)
+    if owner is not None:
+        d = [value_at(part, *owner) for part in parts]
+    moved = [(row[0] * d[0] + row[1] * d[1]) + row[2] * d[2] for row in turn]
+    return (
+        moved,
+        [[row[c] * du[c] for c in range(3)] for row in turn],
+        [[row[c] * dv[c] for c in range(3)] for row in turn],
+    )
+
+
+def displaced_by_vector(image, turn, texcoords, owner, u, v, point, a, b, n, scale):
+    """Point and unit normal. a, b: derivatives divided by scale."""
+    moved, du, dv = vector_displacement(image, turn, texcoords, owner, u, v)
+    a = [((scale * a[r] + du[r][0]) + du[r][1]) + du[r][2] for r in range(3)]
+    b = [((scale * b[r] + dv[r][0]) + dv[r][1]) + dv[r][2] for r in range(3)]
+    m = cross(a, b)
+    n = [x / np.sqrt(square(m)) for x in m] if F(2.0**-100) < square(m) < F(2.0**100) else n
+    return [point[r] + moved[r] for r in range(3)], n
+
+
 def displaced_normal(a, b, n, along_u, along_v, scale=3):
     """Unit of 3 (A x B) + t_v (A x n) + t_u (n x B), where A and B are thirds of the derivatives; or wholes, scale 1."""
     base, by_v, by_u = cross(a, b), cross(a, n), cross(n, b)
@@ -217,8 +258,8 @@ def shared_normal(patches, p, u, v):
     return edge_normal(patches.edge_normals[edge] if edge >= 0 else patches.edge_normals[~edge][::-1], t)
 
 
-def naive_shade_patch(patches, p, image, matrix, u, v):
-    """As `naive_shade`, for patch p of any kind whose normals do not vanish."""
+def naive_shade_patch(patches, p, image, matrix, u, v, turn=None):
+    """As `naive_shade`, for patch p of any kind whose normals do not vanish. turn: float32[3, 3] for a map of vectors."""
     with np.errstate(all="ignore"):
         u, v = F(u), F(v)
         cp, bu, bv, qu, qv = patches.control_points[p], cubic(u), cubic(v), quadratic(u), quadratic(v)
@@ -237,9 +278,13 @@ def naive_shade_patch(patches, p, image, matrix, u, v):
             b = [evaluate(step_v(nets[c]), bu, qv) + added[c][1] for c in range(3)]
         point = [evaluate(net, bu, bv) for net in nets]
         n = base_normal(cp, False, a, b, u, v)
-        if image is not None:
+        owner = owner_coordinates(patches, p, u, v)
+        if image is not None and turn is not None:
+            point, n = displaced_by_vector(image, turn, patches.texcoords[p], owner, u, v, point, a, b, n, scale)
+        elif image is not None:
             n = shared_normal(patches, p, u, v) or n
             t, along_u, along_v = displacement(image, patches.texcoords[p], u, v)
+            t = t if owner is None else value_at(image, *owner)
             point = [point[c] + t * n[c] for c in range(3)]
             n = displaced_normal(a, b, n, along_u, along_v, scale)
         clip = [((row[0] * point[0] + row[1] * point[1]) + row[2] * point[2]) + row[3] for row in matrix]

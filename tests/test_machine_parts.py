@@ -117,9 +117,9 @@ def test_hulls_go_to_the_tiles_that_they_touch(name, load):
     from tiler.scene.camera import camera_at
 
     camera, viewport = camera_at(scene.camera, 0, 150 / 90), Viewport(0, 0, 150, 90, 0.0, 1.0)
-    patches = front_end.run_vertex_shader(scene)
+    patches = front_end.run_vertex_shader(scene, 0)
     factors = front_end.tess_factors(scene.tessellation, patches, camera, viewport)
-    stage = front_end.hull_input(scene, patches, front_end.scene_maps(scene), factors, camera, viewport)
+    stage = front_end.hull_input(scene, patches, front_end.scene_maps(scene, 0), factors, camera, viewport)
     bounds, grid = BOUNDS["tpatch"](stage), make_grid(150, 90, 8)
     live = np.arange(min(len(bounds.rect), 300), dtype=np.int32)
     with Host(1) as host:
@@ -174,20 +174,20 @@ def test_domain_caches_replay_what_happened(cache, cores):
     rng = np.random.default_rng([cores, len(cache)])
     walk, points = rng.permutation(12), rng.integers(1, 50, 9)
     events = []
-    for phase in (0, 0, 1):
+    for number in (0, 0, 1):
         first = np.concatenate([[0], np.cumsum(rng.integers(0, 7, 12))])
         events.append(
-            Events(phase, first, rng.integers(0, 9, first[-1]), rng.integers(0, 2, first[-1]).astype(np.uint8))
+            Events(number, first, rng.integers(0, 9, first[-1]), rng.integers(0, 2, first[-1]).astype(np.uint8))
         )
     counts = np.zeros((12, NUM_TILE_COUNTS), np.int64)
     replay_shading(events, points, walk, cores, cache, counts)
     expected = np.zeros((12, 3), np.int64)
     room = {"none": 0, "frame": 99}.get(cache, int(cache[4:]) if cache.startswith("lru") else 0)
     held: dict[int, OrderedDict] = {}
-    for phase in (0, 1):
+    for number in (0, 1):
         for place, tile in enumerate(walk):
             own = held.setdefault(0 if cache == "frame" else place % cores, OrderedDict())
-            for event in (e for e in events if e.phase == phase):
+            for event in (e for e in events if e.number == number):
                 for q in range(event.first[tile], event.first[tile + 1]):
                     unit = int(event.unit[q])
                     if event.outcome[q]:

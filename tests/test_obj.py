@@ -170,7 +170,7 @@ def test_warnings(tmp_path):
         (QUAD + "f 1 2 3 1\n", ["line 5", "vertex 1 twice"]),
         (QUAD + "f 1 2 x 4\n", ["line 5", "'x'", "whole number"]),
         (QUAD + "f 1 2 3.5 4\n", ["line 5", "'3.5'"]),
-        (QUAD + "f 1/ 2/ 3/\n", ["line 5", "'1/'", "v/vt"]),
+        (QUAD + "f /1 2/ 3/\n", ["line 5", "'/1'", "v/vt"]),
         (QUAD + "f 1/1/1/1 2 3\n", ["line 5", "'1/1/1/1'"]),
         (QUAD + "f 1//// 2 3\n", ["line 5", "'1////'"]),
         (QUAD + "f / 2 3\n", ["line 5", "'/'"]),

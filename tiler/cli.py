@@ -5,13 +5,14 @@ Exit status: 0 fine, 1 a check failed, 2 bad input, 130 interrupted.
 
 import json
 import sys
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
 from cyclopts import App, CycloptsError, Parameter
 
 from tiler import __version__
-from tiler.errors import TilerError
+from tiler.errors import TilerError, TilerWarning
 from tiler.options import (
     MachineOptions,
     SceneOptions,
@@ -329,8 +330,11 @@ def sweep(
 
 @app.command
 def validate(
-    what: Literal["bounds", "tessellator"],
+    what: Literal["bounds", "tessellator", "limit", "watertight"],
+    scene: str | None = None,
     *,
+    scene_options: SceneOptions | None = None,
+    frame: float = 0,
     samples: int = 10_000_000,
     seed: int = 0,
     bounds: str | None = None,
@@ -339,16 +343,24 @@ def validate(
     json: JsonPath = None,
     quiet: Annotated[bool, Parameter(name=("--quiet", "-q"))] = False,
 ) -> None:
-    """Check what must hold: every bound and cull test against shaded points, or the tessellator against reference answers.
+    """Check what must hold: bounds and cull tests against shaded points, the tessellator and the limit surface against
+    reference answers, a mesh for cracks.
 
-    Examples: `tiler validate bounds --samples 100000000`; `tiler validate tessellator --reference answers.npz`.
+    Examples: `tiler validate bounds --samples 100000000`; `tiler validate tessellator --reference answers.npz`;
+    `tiler validate watertight creature --factor 16 --partitioning fractional_odd`.
     The exit status is 1 if something failed.
 
     Parameters
     ----------
     what
         bounds: all bounds and cull tests, on the built-in scenes, on random patches and on patches that are moved towards
-        violation. tessellator: points and indices of every case in a file, bit for bit.
+        violation. tessellator: points and indices of every case in a file, bit for bit. limit: positions and normals of
+        subdivision patches against limit positions in a file. watertight: both sides of every edge of a scene, bit for bit.
+    scene
+        A name that `tiler scenes` lists, or the path of a scene file or model (watertight); by its options --factor,
+        --edge-pixels and --partitioning, or else at several factors in every partitioning.
+    frame
+        Which frame of the scene (watertight).
     samples
         Shaded points that each bound is checked at, at least (bounds).
     seed
@@ -356,7 +368,7 @@ def validate(
     bounds
         Only these bounds, separated by commas (bounds).
     reference
-        An .npz file of reference answers (tessellator).
+        An .npz file of reference answers (tessellator, limit).
     threads
         Threads of this computer to use; all by default.
     json
@@ -364,15 +376,33 @@ def validate(
     quiet
         No table and no progress.
     """
+    from tiler import validation
     from tiler.progress import Progress
-    from tiler.validation import count_cases, validate_bounds, validate_tessellator
+    from tiler.validation import count_cases, validate_bounds, validate_limit, validate_tessellator
 
-    if what == "bounds":
+    if what == "watertight":
+        if scene is None:
+            raise TilerError(
+                "scene: missing; allowed: a name that `tiler scenes` lists, or the path of a scene or model"
+            )
+        options = scene_options or SceneOptions()
+        opened = open_scene(scene, options)
+        settings = validation.settings_of(
+            opened, any(x is not None for x in (options.factor, options.edge_pixels, options.partitioning))
+        )
+        with Progress(f"looking for cracks in {opened.name}", len(settings), quiet) as bar:
+            result = validation.validate_watertight(
+                opened, settings, number=frame, threads=threads, progress=bar.update
+            )
+    elif what == "bounds":
         names = None if bounds is None else [name.strip() for name in bounds.split(",")]
         with Progress("validating bounds", samples, quiet) as bar:
             result = validate_bounds(samples, seed=seed, names=names, threads=threads, progress=bar.update)
     elif reference is None:
         raise TilerError("reference: missing; allowed: the path of an .npz file of reference answers")
+    elif what == "limit":
+        with Progress("validating the limit surface", 1, quiet):
+            result = validate_limit(reference)
     else:
         with Progress("validating the tessellator", count_cases(reference), quiet) as bar:
             result = validate_tessellator(reference, bar.update)
@@ -539,6 +569,12 @@ def _tell_violations(where: str, record: dict[str, Any]) -> bool:
 
 def _print_validation(result: dict[str, Any]) -> None:
     """A line an algorithm, or a failed case; and what failed."""
+    if result["what"] == "watertight":
+        print(
+            f"{result['edges']:,} edges of two patches, {result['boundary_edges']:,} of one; {result['seams']:,} seams; open: "
+            f"{result['open_seams']:,} seams and {result['open_edges']:,} other edges; widest {result['largest_crack']:.6g} "
+            f"({result['largest_relative']:.3g} of the diagonal)"
+        )
     for row in result["details"]:
         if "algorithm" not in row:
             print(row)
@@ -562,8 +598,24 @@ def _write_json(value: Any, where: str | None) -> bool:
     return where == "-"
 
 
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: Any = None,
+    line: str | None = None,
+) -> None:
+    """One line on standard error for what the input may not have meant; others as Python shows them."""
+    if issubclass(category, TilerWarning):
+        print(f"warning: {message}", file=sys.stderr)
+    else:
+        print(warnings.formatwarning(message, category, filename, lineno, line), file=sys.stderr, end="")
+
+
 def main() -> NoReturn:
     """Entry point of the command."""
+    warnings.showwarning = _show_warning
     try:
         app(exit_on_error=False)
         sys.exit(0)

@@ -7,6 +7,10 @@ class TilerError(ValueError):
     """Bad input or an impossible request. The message names the field, the value and what is allowed."""
 
 
+class TilerWarning(UserWarning):
+    """Something in the input that has a defined result, and that the user may not have meant."""
+
+
 def unknown_name(name: str, known: Iterable[str]) -> str:
     """`allowed: ...`, preceded by the likeliest of the known names where one is close."""
     from difflib import get_close_matches

@@ -7,7 +7,7 @@ import numpy as np
 from pipeline import animate, domain, hull, primitives, vertex
 from pipeline.culling import tangent_plane
 from pipeline.culling.backface import Facing
-from pipeline.displacement import pack_maps
+from pipeline.displacement import pack_maps, vector_lengths
 from pipeline.minmax import build_pyramids
 from pipeline.primitives import NUM_OUTCOMES
 from pipeline.silhouette import raise_factors, shared_edges
@@ -62,8 +62,11 @@ KEPT_MAPS = 4  # sets of maps that are kept packed from one frame to the next
 _packed: dict[tuple[int, ...], PackedMaps] = {}
 
 
-def scene_maps(scene: Scene) -> PackedMaps:
-    """The scene's displacement maps, packed, with pyramids. Made once for a scene's frames: its arrays never change."""
+def scene_maps(scene: Scene, number: float) -> PackedMaps:
+    """The scene's displacement maps at frame `number`, packed, with pyramids.
+
+    Made once for a scene's frames: its arrays never change. But vectors in an object's axes turn with the object.
+    """
     key = tuple(map(id, scene.maps))  # no other object can get these while `source` holds the maps
     packed = _packed.get(key)
     if packed is None:
@@ -72,7 +75,23 @@ def scene_maps(scene: Scene) -> PackedMaps:
         while len(_packed) >= KEPT_MAPS:
             _packed.pop(next(iter(_packed)), None)
         _packed[key] = packed
-    return packed
+    return _turned(packed, scene, number) if any(m.space == "object" for m in scene.maps) else packed
+
+
+def _turned(packed: PackedMaps, scene: Scene, number: float) -> PackedMaps:
+    """The maps with their vectors' axes at a frame: those of the object that has the map, which is one."""
+    turn = packed.maps.turn.copy()
+    object_of = dict(zip(scene.map_id.tolist(), scene.object_id.tolist(), strict=True))
+    object_of |= {mesh.map_id: mesh.object_id for mesh in scene.meshes}
+    for m, image in enumerate(scene.maps):
+        if image.space == "object" and image.texels.ndim == 3 and m in object_of:
+            k = object_of[m]
+            motion = scene.motions[k] if scene.motions else None
+            turn[m] = animate.transform_at(scene.transforms[k], motion, number)[:, :3]
+    maps = packed.maps._replace(turn=turn)
+    return packed._replace(
+        maps=maps, pyramids=packed.pyramids._replace(whole=vector_lengths(maps, packed.pyramids.whole))
+    )
 
 
 def run_vertex_shader(scene: Scene, number: float) -> Patches:
@@ -88,7 +107,8 @@ def run_vertex_shader(scene: Scene, number: float) -> Patches:
     for mesh in scene.meshes:
         posed = animate.pose(mesh.vertices, motions[mesh.object_id], number)
         world = vertex.transform_vertices(posed, transforms[mesh.object_id])
-        parts.append(hull.surface_patches(mesh.surface, world, mesh.map_id, mesh.object_id))
+        close_seams = mesh.seams == "lower_face"
+        parts.append(hull.surface_patches(mesh.surface, world, mesh.map_id, mesh.object_id, close_seams))
     patches = hull.join_patches(parts)
     if scene.meshes and (np.diff(patches.object_id) < 0).any():
         patches = patches.take(np.argsort(patches.object_id, kind="stable"))

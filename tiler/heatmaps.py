@@ -19,7 +19,7 @@ from pipeline import hull
 from pipeline.bounds import BOUNDS
 from pipeline.jit import kernel
 from pipeline.tessellator import make_patterns
-from pipeline.types import F64, I32, I64, PatchBounds, Patches, Patterns, Viewport
+from pipeline.types import F64, I32, I64, DisplacementMaps, PatchBounds, Patches, Patterns, Viewport
 from tiler import front_end
 from tiler.config import Machine
 from tiler.errors import TilerError, unknown_name
@@ -61,6 +61,7 @@ class Alive(NamedTuple):
     live: I32
     bounds: PatchBounds
     patches: Patches
+    maps: DisplacementMaps
     patterns: Patterns
     camera: Camera
     viewport: Viewport
@@ -72,7 +73,8 @@ def live_patches(scene: Scene, machine: Machine, number: float) -> Alive:
     camera = camera_at(scene.camera, number, viewport.width / viewport.height)
     patches = front_end.run_vertex_shader(scene, number)
     factors = front_end.tess_factors(scene.tessellation, patches, camera, viewport)
-    stage = front_end.hull_input(scene, patches, front_end.scene_maps(scene), factors, camera, viewport)
+    packed = front_end.scene_maps(scene, number)
+    stage = front_end.hull_input(scene, patches, packed, factors, camera, viewport)
     stage = front_end.raise_silhouettes(scene, stage)
     flags = hull.flag_nonfinite(patches, stage.pyramids.whole)
     bounds = BOUNDS[machine.bounds](stage)
@@ -80,14 +82,13 @@ def live_patches(scene: Scene, machine: Machine, number: float) -> Alive:
     hull.drop_culled(stage.factors, flags)
     patterns = make_patterns(stage.factors, scene.tessellation.partitioning, front_end.WINDING)
     hull.flag_factors(patterns.of_patch, flags)
-    return Alive(hull.live_patches(flags), bounds, patches, patterns, camera, viewport)
+    return Alive(hull.live_patches(flags), bounds, patches, packed.maps, patterns, camera, viewport)
 
 
 def live_triangles(scene: Scene, alive: Alive, host: Host) -> Iterator[Geometry]:
     """Set-up triangles of the live patches, a batch after the other."""
-    maps = front_end.scene_maps(scene).maps
     for batch in front_end.split_batches(alive.live, alive.patterns):
-        points = front_end.shade_domain_points(batch, alive.patches, alive.patterns, maps, alive.camera, host)
+        points = front_end.shade_domain_points(batch, alive.patches, alive.patterns, alive.maps, alive.camera, host)
         yield front_end.set_up_triangles(batch, points, alive.patterns, alive.viewport, scene, host)
 
 

@@ -88,7 +88,7 @@ def draw_frame(
     grid = tally.grid
     target = back_end.make_target(scene.picture, machine.reordered or keep_order)
     coarse = back_end.make_coarse_z(machine, grid)
-    packed = front_end.scene_maps(scene)
+    packed = front_end.scene_maps(scene, number)
 
     # Per patch: vertex shader, hull shader, tessellator.
     patches = front_end.run_vertex_shader(scene, number)

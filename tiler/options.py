@@ -31,6 +31,8 @@ class SceneOptions:
     "Wished length of an edge's segments on the screen in pixels, instead of a fixed factor."
     partitioning: Literal["integer", "pow2", "fractional_odd", "fractional_even"] | None = None
     "How factors become segments."
+    displacement: Text = None
+    "Displacement map of a model file, with keys of a scene file's: height.png,channel=a,scale=0.5."
 
 
 @Parameter(name="*")
@@ -80,6 +82,8 @@ class MachineOptions:
 
 def open_scene(source: str, options: SceneOptions) -> Scene:
     """The scene with the options applied."""
+    from tiler.scene.model_scene import read_displacement
+
     return load_scene(
         source,
         size=None if options.size is None else parse_size(options.size),
@@ -88,6 +92,7 @@ def open_scene(source: str, options: SceneOptions) -> Scene:
         factor=None if options.factor is None else parse_factor(options.factor),
         edge_pixels=options.edge_pixels,
         partitioning=options.partitioning,
+        displacement=None if options.displacement is None else read_displacement(options.displacement),
     )
 
 

@@ -139,7 +139,7 @@ def scene_stage(name: str) -> HullInput:
     camera = camera_at(scene.camera, 0, viewport.width / viewport.height)
     patches = front_end.run_vertex_shader(scene, 0)
     factors = front_end.tess_factors(scene.tessellation, patches, camera, viewport)
-    return front_end.hull_input(scene, patches, front_end.scene_maps(scene), factors, camera, viewport)
+    return front_end.hull_input(scene, patches, front_end.scene_maps(scene, 0), factors, camera, viewport)
 
 
 def random_stage(n: int = 500, seed: int = 0) -> HullInput:

@@ -40,7 +40,7 @@ def main():
     """Print the figures."""
     scene = tiler.load_scene("waves")
     camera = camera_at(scene.camera, 0, 16 / 9)
-    maps, patches = front_end.scene_maps(scene).maps, front_end.run_vertex_shader(scene, 0)
+    maps, patches = front_end.scene_maps(scene, 0).maps, front_end.run_vertex_shader(scene, 0)
     live = np.arange(scene.num_patches, dtype=np.int32)
     factors = front_end.hull.fixed_factors(scene.num_patches, scene.tessellation.factor)
     patterns = make_patterns(factors, "integer", front_end.WINDING)

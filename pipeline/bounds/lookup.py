@@ -4,6 +4,7 @@ import numpy as np
 
 from pipeline.bounds.lanes import padded
 from pipeline.bounds.restrict import domain_displacement
+from pipeline.bounds.vector import fill_special_ranges
 from pipeline.jit import kernel
 from pipeline.types import F64, HullInput
 
@@ -20,12 +21,13 @@ def _displacement_ranges(map_id, texcoords, maps, pyramids, domain, exact, out):
 def displacement_ranges(stage: HullInput, *, exact: bool = False) -> F64:
     """Least and greatest displacement of each patch, world units: float64[2, P rounded up to whole blocks].
 
-    (0, 0) without a map, NaN for a broken one. exact : from each texel of the footprint, not from at most four of a
-    pyramid's level for each piece of it.
+    (0, 0) without a map, NaN for a broken one; of vectors +- their greatest length. exact : from each texel of the
+    footprint, not from at most four of a pyramid's level for each piece of it.
     """
     patches = stage.patches
     ranges = np.empty((2, padded(len(patches.map_id))))
     _displacement_ranges(
         patches.map_id, patches.texcoords, stage.maps, stage.pyramids, stage.domain, exact, ranges
     )  # fmt: skip
+    fill_special_ranges(stage, exact, ranges)
     return ranges

@@ -18,6 +18,7 @@ from pipeline.bounds.lanes import LANES, least4, load_rows, most4, scratch
 from pipeline.bounds.lookup import displacement_ranges
 from pipeline.bounds.normals import bound_normals
 from pipeline.bounds.project import allocate, project_boxes
+from pipeline.bounds.vector import grow_by_vectors
 from pipeline.jit import helper, inlined, kernel
 from pipeline.types import HullInput, PatchBounds
 
@@ -97,5 +98,6 @@ def bound_oriented(stage: HullInput, kind: int | None) -> PatchBounds:
     boxes, normals = (fit_boxes(stage), np.empty((4, 0))) if kind is None else bound_normals(stage, kind)
     ranges = displacement_ranges(stage)
     _grow_boxes(boxes, ranges, normals, scratch(ROWS), bounds)
+    grow_by_vectors(stage, boxes, bounds)
     project_boxes(stage.clip_from_world, stage.viewport, bounds)
     return bounds

@@ -25,6 +25,7 @@ import numpy as np
 
 from pipeline.bounds import Bound
 from pipeline.bounds.restrict import FAR, texcoord_rect
+from pipeline.bounds.vector import is_special
 from pipeline.culling import CULL_TESTS
 from pipeline.jit import helper, kernel
 from pipeline.minmax import texel_range
@@ -124,6 +125,7 @@ def gather_parts(stage: HullInput, patch: I32, domain: F64) -> HullInput:
     patches = stage.patches.take(patch)
     flat = np.zeros(len(patch), np.uint8)
     _find_flat(stage.maps, stage.pyramids, patches.map_id, patches.texcoords, domain, flat)
+    flat[is_special(patches, stage.maps)] = 0
     patches = patches._replace(map_id=np.where(flat, -1, patches.map_id).astype(np.int32))
     factors = TessFactors(*(a[patch] for a in stage.factors))
     return stage._replace(patches=patches, domain=domain, factors=factors)

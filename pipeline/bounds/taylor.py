@@ -40,6 +40,7 @@ from pipeline.bounds.normals import NPATCH, bound_normals
 from pipeline.bounds.project import allocate, project_boxes
 from pipeline.bounds.restrict import project_net, restrict_patch
 from pipeline.bounds.shared_normals import slack_of
+from pipeline.bounds.vector import grow_by_vectors
 from pipeline.jit import helper, kernel
 from pipeline.types import F64, U8, HullInput, PatchBounds
 
@@ -343,6 +344,7 @@ def bound_and_validity(stage: HullInput, clamped: bool) -> tuple[PatchBounds, U8
     reach = displacement_ranges(stage)
     boxes, normals = bound_normals(stage, NPATCH)
     _bound_patches(stage.patches, stage.domain, boxes, reach, normals, clamped, allocate_work(), bounds, valid)
+    grow_by_vectors(stage, boxes, bounds)
     project_boxes(stage.clip_from_world, stage.viewport, bounds)
     return bounds, valid
 

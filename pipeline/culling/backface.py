@@ -8,10 +8,11 @@ back, and so it does here.
 Which patches a test answers for is decided here, in one place. A displaced surface has another normal than its base, so the
 tests of base normals take undisplaced patches (`is_plain`); `displaced` and `tessellation_safe` bound the displaced normal,
 and take displaced patches that are one polynomial net (`is_single_net`): neither rational, nor ACC, whose displacement has
-the direction of other tangents. Where displaced patches share normals on their edges, the surface jumps there by t times
-`Patches.normal_slack`: with more than MOST_SLACK of it a patch is no single net. `tessellation_safe` counts that jump among
-what a vertex may be off by; the others answer for the surface inside. No test answers for Gregory patches (they are not the
-surface of 16 points), for weights <= 0, for an eye that is not known, and where something gives a NaN.
+the direction of other tangents; nor displaced by vectors or by a seam's owner. Where displaced patches share normals on
+their edges, the surface jumps there by t times `Patches.normal_slack`: with more than MOST_SLACK of it a patch is no single
+net. `tessellation_safe` counts that jump among what a vertex may be off by; the others answer for the surface inside. No test
+answers for Gregory patches (they are not the surface of 16 points), for weights <= 0, for an eye that is not known, and where
+something gives a NaN.
 """
 
 from collections.abc import Callable
@@ -19,6 +20,7 @@ from enum import IntEnum
 
 import numpy as np
 
+from pipeline.bounds.vector import is_special
 from pipeline.types import B1, F64, I64, U8, CullFlag, FaceCull, HullInput, Patches
 
 
@@ -60,11 +62,16 @@ def is_plain(patches: Patches, numbers: I64) -> B1:
     return (patches.map_id[numbers] < 0) & (patches.gregory_id[numbers] < 0)
 
 
-def is_single_net(patches: Patches, numbers: I64) -> B1:
-    """Which of the patches `numbers` follow from one net of points, all weights 1, displaced along its own normal or not."""
+def is_single_net(stage: HullInput, numbers: I64) -> B1:
+    """Which of the patches `numbers` follow from one net of points, all weights 1, displaced along its own normal or not.
+
+    Not those displaced by vectors, and not those whose edges take the displacement of another patch (closed seams).
+    """
+    patches = stage.patches
     own_normal = (patches.tangent_id[numbers] < 0) & (patches.normal_slack[numbers] <= MOST_SLACK)
     bezier = (patches.map_id[numbers] < 0) | own_normal
-    return bezier & (patches.gregory_id[numbers] < 0) & (patches.rational[numbers] == 0)
+    fine = bezier & (patches.gregory_id[numbers] < 0) & (patches.rational[numbers] == 0)
+    return fine & ~is_special(patches, stage.maps)[numbers]
 
 
 def turn_mirrored(stage: HullInput, facing: U8) -> U8:

@@ -144,7 +144,7 @@ def classify_patches(stage: HullInput, numbers: I64) -> U8:
     eye = eye_or_none(stage)
     if eye is None:
         return facing
-    at = np.flatnonzero(is_single_net(stage.patches, numbers))
+    at = np.flatnonzero(is_single_net(stage, numbers))
     view = View(eye, 0.0, np.zeros((4, 4)), 0.0, viewport_size(stage))
     facing[at] = turn_mirrored(stage, classify_from(stage, view, numbers[at], np.empty((len(at), 0))))
     return facing

@@ -89,7 +89,7 @@ def _measure(patches, maps, pyramids, numbers, known, t):
 def constant_offsets(stage: HullInput, numbers: I64) -> Offsets:
     """Offsets of the patches `numbers`: 0 for undisplaced ones; not known where the displacement varies, or is too large."""
     offsets = Offsets(is_plain(stage.patches, numbers), np.zeros((len(numbers), 2)))
-    at = np.flatnonzero((stage.patches.map_id[numbers] >= 0) & is_single_net(stage.patches, numbers))
+    at = np.flatnonzero((stage.patches.map_id[numbers] >= 0) & is_single_net(stage, numbers))
     if len(at):
         known, t = np.zeros(len(at), np.bool_), np.zeros((len(at), 2))
         _measure(stage.patches, stage.maps, stage.pyramids, numbers[at], known, t)

@@ -290,7 +290,7 @@ def _classify(stage: HullInput, numbers: I64, wanted: tuple[int, ...]) -> U8:
     _keep_safe(control_points, matrix, stage.viewport, plain[one_way], steps, margin[one_way], sides)
     answer[at[one_way]] = sides
     view = view_of_matrix(stage)
-    at = np.flatnonzero((stage.patches.map_id[numbers] >= 0) & is_single_net(stage.patches, numbers))
+    at = np.flatnonzero((stage.patches.map_id[numbers] >= 0) & is_single_net(stage, numbers))
     if view is not None and len(at):
         steps = measure_steps(stage.factors, numbers[at], stage.partitioning)
         sides = classify_from(stage, view, numbers[at], steps)

@@ -68,6 +68,9 @@ class Surface(NamedTuple):
     corner_row: I32  # (P, 4) row of the normal at (u, v) = (0,0) (1,0) (0,1) (1,1)
     num_edges: int  # rows of edge normals
     num_corners: int  # rows of corner normals
+    seam_id: I32  # (P,) row in seam_edges of the patches that touch a texture seam, -1 for others
+    seam_edges: F32  # (S, 4, 2, 2) texture coordinates of the first patch at each edge, as `types.Patches` has them
+    seam_corners: F32  # (S, 4, 2) of the first patch at each corner
 
     @property
     def num_patches(self) -> int:
@@ -115,6 +118,7 @@ def make_surface(cage: Cage, basis: Basis = Basis.ACC, refinement: Refine = "non
         layers = [_make_layer(len(steps), topology, rings, regular, everything, basis)]
         texcoords = [_texcoords(cage, everything)]
     irregular = np.concatenate([layer.regular == 0 for layer in layers])
+    seam_id, seam_edges, seam_corners = _seams(layers, texcoords)
     num_edges, num_corners = (np.cumsum([0, *(len(a) for a in sizes)]) for sizes in _table_sizes(layers))
     surface = Surface(
         basis=basis,
@@ -130,6 +134,9 @@ def make_surface(cage: Cage, basis: Basis = Basis.ACC, refinement: Refine = "non
         ),
         num_edges=int(num_edges[-1]),
         num_corners=int(num_corners[-1]),
+        seam_id=seam_id,
+        seam_edges=seam_edges,
+        seam_corners=seam_corners,
     )
     return surface, warnings
 
@@ -142,6 +149,31 @@ def _edge_row(layer: Layer, base: int) -> I32:
     """Surface.edge_row of a layer: sides 0 and 1 of a face run with the parameter, sides 2 and 3 against it."""
     with_edge = (layer.along == 1) == (np.arange(4) < 2)
     return np.where(with_edge, layer.edge + base, ~(layer.edge + base))[:, SIDE_OF_EDGE].astype(np.int32)
+
+
+def _seams(layers: list[Layer], texcoords: list[F32]) -> tuple[I32, F32, F32]:
+    """Surface.seam_id, seam_edges and seam_corners, from the texture coordinates of each layer's patches."""
+    edges, corners, touched = [], [], []
+    for layer, coords in zip(layers, texcoords, strict=True):
+        own = coords[:, CORNER_ORDER]  # at the corners of the face; the order is its own inverse
+        sides = np.stack([own, np.roll(own, -1, axis=1)], 2)  # (M, 4, 2, 2): side k, its ends as the face runs
+        against = layer.along == 0
+        with_edge = np.where(against[..., None, None], sides[:, :, ::-1], sides).reshape(-1, 2, 2)
+        _, first, edge = np.unique(layer.edge, return_index=True, return_inverse=True)
+        owner = with_edge[first][edge.reshape(layer.edge.shape)]
+        # The patch's parameter runs with sides 0 and 1 and against the others.
+        turned = against != (np.arange(4) >= 2)
+        edges.append(np.where(turned[..., None, None], owner[:, :, ::-1], owner)[:, SIDE_OF_EDGE])
+        plain = np.where((np.arange(4) >= 2)[:, None, None], sides[:, :, ::-1], sides)[:, SIDE_OF_EDGE]
+        _, first, vertex = np.unique(layer.quad, return_index=True, return_inverse=True)
+        corners.append(own.reshape(-1, 2)[first][vertex.reshape(layer.quad.shape)][:, CORNER_ORDER])
+        touched.append((edges[-1] != plain).any((1, 2, 3)) | (corners[-1] != coords).any((1, 2)))
+    seam = np.concatenate(touched)
+    return (
+        np.where(seam, np.cumsum(seam) - 1, -1).astype(np.int32),
+        np.ascontiguousarray(np.concatenate(edges)[seam], np.float32),
+        np.ascontiguousarray(np.concatenate(corners)[seam], np.float32),
+    )
 
 
 def _settled(cage: Cage) -> Cage:

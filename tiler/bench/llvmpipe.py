@@ -87,6 +87,7 @@ def drawing_of(scene: Scene, frame: float = 0) -> Drawing:
             (picture.samples != 1, f"{picture.samples} samples are not allowed", "1"),
             (picture.shading != "lambert", f"shading {picture.shading!r} is not allowed", "lambert"),
             (any(m.address == "mirror" for m in scene.maps), "a mirrored map is not allowed", "wrap, clamp"),
+            (any(m.texels.ndim == 3 for m in scene.maps), "a map of vectors is not allowed", "scalar maps"),
         )
         if refused
     ]

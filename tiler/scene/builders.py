@@ -32,12 +32,11 @@ class MeshBuilder(NamedTuple):
 
     parameters: type[Strict]
     num_faces: Callable[[Any], int]  # of the parameters, without building
-    build: Callable[[Any], ControlMesh]
-    skinning: Callable[[Any], Skinning] | None  # how the vertices of that mesh move, where they do
+    build: Callable[[Any], tuple[ControlMesh, Skinning | None]]  # the mesh, and how its vertices move, where they do
 
 
 MESH_BUILDERS: dict[str, MeshBuilder] = {
-    "creature": MeshBuilder(creature.Parameters, creature.num_faces, creature.build, creature_walk.skinning),
+    "creature": MeshBuilder(creature.Parameters, creature.num_faces, creature_walk.build_walking),
 }
 
 ALL_BUILDERS: dict[str, Builder | MeshBuilder] = {**BUILDERS, **MESH_BUILDERS}

@@ -32,11 +32,6 @@ class Joint(NamedTuple):
     pivot: tuple[float, float, float]
 
 
-def skinning(parameters: Parameters) -> Skinning:
-    """Weights and keys of the creature that `parameters` build."""
-    return build_walking(parameters)[1]
-
-
 def build_walking(parameters: Parameters) -> tuple[ControlMesh, Skinning]:
     """The creature at rest, and its walk."""
     mesh, weights = build_with_weights(parameters)

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from pipeline.animate import Motion
 from pipeline.subdivision.surface import Surface
 from pipeline.types import F32
-from tiler.errors import TilerError
+from tiler.errors import TilerError, TilerWarning
 from tiler.scene import arrays, map_files, mesh_files, problems, schema, surfaces
 from tiler.scene.arrays import ArrayFault
 from tiler.scene.builders import ALL_BUILDERS, BUILDERS, MESH_BUILDERS
@@ -23,6 +23,7 @@ from tiler.scene.maps import MAPS
 from tiler.scene.mesh import Mesh
 from tiler.scene.model import CameraKey, CameraPath, DisplacementMap, Picture, Scene, SceneMesh, Tessellation
 from tiler.scene.problems import Problem
+from tiler.scene.skinning import Skinning
 from tiler.scene.strict import Strict
 from tiler.scene.toml_lines import toml_lines
 from tiler.scene.transform import object_to_world
@@ -74,17 +75,18 @@ def build_scene(checked: Checked, name: str) -> Scene:
         displacement = _displacement(checked, k, found)
         map_id = -1 if displacement is None else len(maps)
         maps += [] if displacement is None else [displacement]
-        num_vertices = 0
+        num_vertices, skinning = 0, None
         if _is_surface(described):
             made = _surface(checked, k, found)
             if made is not None:
-                num_vertices = len(made[1])
-                meshes.append(SceneMesh(*made, k, map_id))
+                num_vertices, skinning = len(made.vertices), made.skinning
+                seams = "keep" if described.displacement is None else described.displacement.seams
+                meshes.append(SceneMesh(made.surface, made.vertices, k, map_id, seams))
         else:
             mesh = _mesh(checked, k, found)
             if mesh is not None:
                 patches.append((k, map_id, mesh))
-        motions.append(_motion(checked, k, num_vertices, found))
+        motions.append(_motion(checked, k, num_vertices, skinning, found))
     if found:
         raise problems.error_of(str(checked.file), found, checked.lines)
     empty = np.empty((0, 4, 4, 4), np.float32), np.empty((0, 4, 2), np.float32)
@@ -117,7 +119,7 @@ def count_patches(checked: Checked) -> int:
     for k, described in enumerate(checked.scene.object):
         if _is_surface(described):
             made = _surface(checked, k, found)
-            total += 0 if made is None else made[0].num_patches
+            total += 0 if made is None else made.surface.num_patches
         elif described.builder is not None:
             total += BUILDERS[described.builder].num_patches(checked.parameters[k])
         else:
@@ -187,11 +189,17 @@ def _mesh(checked: Checked, k: int, found: list[Problem]) -> Mesh | None:
         return BUILDERS[described.builder].build(checked.parameters[k])
     path = checked.file.parent / str(described.patches)
     try:
-        mesh, _ = mesh_files.read_patches(path)
-        return mesh
+        mesh, told = mesh_files.read_patches(path)
     except ArrayFault as fault:
         found.append(Problem(("object", k, "patches"), f"{path} {fault}"))
         return None
+    _warn(str(path), told)
+    return mesh
+
+
+def _warn(source: str, told: tuple[str, ...]) -> None:
+    for text in told:
+        warnings.warn(f"{source}: {text}", TilerWarning, stacklevel=2)
 
 
 def _is_surface(described: schema.ObjectFile) -> bool:
@@ -199,12 +207,22 @@ def _is_surface(described: schema.ObjectFile) -> bool:
     return described.mesh is not None or described.builder in MESH_BUILDERS
 
 
-def _surface(checked: Checked, k: int, found: list[Problem]) -> tuple[Surface, F32] | None:
-    """Surface and vertices of object k; None, and a problem more, where its file is wrong. Warnings are warned of."""
+class Made(NamedTuple):
+    """A subdivision surface with its points, and how a builder moves them."""
+
+    surface: Surface
+    vertices: F32
+    skinning: Skinning | None = None
+
+
+def _surface(checked: Checked, k: int, found: list[Problem]) -> Made | None:
+    """Surface of object k; None, and a problem more, where its file is wrong. Warnings are warned of."""
     described = checked.scene.object[k]
     if described.builder is not None:
-        built = MESH_BUILDERS[described.builder].build(checked.parameters[k])
-        return surfaces.surface_of([built], described.basis, described.refine)[:2]
+        built, skinning = MESH_BUILDERS[described.builder].build(checked.parameters[k])
+        surface, vertices, told = surfaces.surface_of([built], described.basis, described.refine)
+        _warn(f"builder {described.builder}", told)
+        return Made(surface, vertices, skinning)
     path = checked.file.parent / str(described.mesh)
     try:
         surface, vertices, told = surfaces.read_surface(
@@ -213,17 +231,17 @@ def _surface(checked: Checked, k: int, found: list[Problem]) -> tuple[Surface, F
     except arrays.ArrayFault as fault:
         found.append(Problem(("object", k, "mesh"), f"{path} {fault}"))
         return None
-    for text in told:
-        warnings.warn(f"{path}: {text}", stacklevel=2)
-    return surface, vertices
+    _warn(str(path), told)
+    return Made(surface, vertices)
 
 
-def _motion(checked: Checked, k: int, num_vertices: int, found: list[Problem]) -> Motion | None:
+def _motion(
+    checked: Checked, k: int, num_vertices: int, skinning: Skinning | None, found: list[Problem]
+) -> Motion | None:
     """How object k moves; None where it stands still, or where, a problem more, its file is wrong."""
     described = checked.scene.object[k]
-    if described.animation is None and described.builder in MESH_BUILDERS:
-        skinning = MESH_BUILDERS[described.builder].skinning
-        return None if skinning is None else surfaces.motion_of(skinning(checked.parameters[k]))
+    if described.animation is None and skinning is not None:
+        return surfaces.motion_of(skinning)
     if described.animation is None or (described.mesh is not None and num_vertices == 0):
         return None
     path = checked.file.parent / described.animation
@@ -243,10 +261,11 @@ def _displacement(checked: Checked, k: int, found: list[Problem]) -> Displacemen
     if schema.is_map_file(described.map):
         path = checked.file.parent / described.map
         try:
-            texels = map_files.read_map(path, described.channel)
+            vector = described.kind == "vector"
+            texels = map_files.read_vector_map(path) if vector else map_files.read_map(path, described.channel)
         except ArrayFault as fault:
             found.append(Problem(("object", k, "displacement", "map"), f"{path} {fault}"))
             return None
     else:
         texels = MAPS[described.map](described.size, described.seed)
-    return DisplacementMap(texels, described.address, described.scale, described.bias)
+    return DisplacementMap(texels, described.address, described.scale, described.bias, described.space)

@@ -13,6 +13,8 @@ Shading = Literal["lambert", "normal", "patch", "wireframe", "tile_grid"]
 Partitioning = Literal["integer", "pow2", "fractional_odd", "fractional_even"]
 AddressMode = Literal["wrap", "mirror", "clamp"]
 CullMode = Literal["none", "front", "back"]
+VectorSpace = Literal["object", "world"]
+Seams = Literal["keep", "lower_face"]
 
 
 @dataclass(frozen=True)
@@ -46,12 +48,16 @@ class Tessellation:
 
 @dataclass(frozen=True)
 class DisplacementMap:
-    """Displacement along the unit normal, world units: `scale * bilinear(texels, s, t) + bias`."""
+    """Displacement `scale * bilinear(texels, s, t) + bias`: along the unit normal in world units, or, of vectors, as it is.
 
-    texels: F32  # (height, width), row 0 at t = 0
+    space : of vectors, whose axes and units they have: the object's or the world's. A map in object space has one object.
+    """
+
+    texels: F32  # (height, width), or (height, width, 3) for vectors; row 0 at t = 0
     address: AddressMode = "wrap"
     scale: float = 1.0
     bias: float = 0.0
+    space: VectorSpace = "world"
 
 
 @dataclass(frozen=True)
@@ -82,6 +88,7 @@ class SceneMesh:
     vertices: F32  # (V, 3) of the control mesh, object space, where the object does not move
     object_id: int
     map_id: int = -1
+    seams: Seams = "keep"
 
 
 @dataclass(frozen=True)

@@ -140,6 +140,8 @@ def _corners(rows: list[list[bytes]]) -> tuple[I32, I64] | None:
     text = b" ".join(chain.from_iterable(row[1:] for row in rows))
     if b"//" in text:
         text = text.replace(b"//", b"/%d/" % ABSENT)
+    if b"/ " in text or text.endswith(b"/"):  # `1/`: a slash with nothing behind it
+        text = (text + b" ").replace(b"/ ", b"/%d " % ABSENT)[:-1]
     # How many slashes each corner has: a running count of slashes, looked at where corners end.
     signs = np.frombuffer(text, np.uint8)
     signs = signs[(signs == 32) | (signs == 47)]

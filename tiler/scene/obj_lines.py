@@ -136,9 +136,9 @@ def _problem(row: list[bytes]) -> str | None:
 
 def _corner_problem(word: bytes) -> str | None:
     parts = word.split(b"/")
-    if len(parts) > 3 or not parts[0] or not parts[-1]:
+    if len(parts) > 3 or not parts[0]:
         return f"{_shown(word)} is no corner; allowed: v, v/vt, v//vn, v/vt/vn"
-    wrong = next((part for k, part in enumerate(parts) if not (_INDEX.fullmatch(part) or (k == 1 and not part))), None)
+    wrong = next((part for k, part in enumerate(parts) if not (_INDEX.fullmatch(part) or (k and not part))), None)
     return None if wrong is None else f"{_shown(wrong)} is not a whole number"
 
 

@@ -11,7 +11,7 @@ from tiler.scene import map_files, mesh_files
 from tiler.scene.builders import ALL_BUILDERS, MESH_BUILDERS
 from tiler.scene.camera import view_axes
 from tiler.scene.maps import MAPS
-from tiler.scene.model import AddressMode, CullMode, Partitioning, Shading
+from tiler.scene.model import AddressMode, CullMode, Partitioning, Seams, Shading, VectorSpace
 from tiler.scene.strict import (
     VECTOR_WORDS,
     Direction,
@@ -28,7 +28,6 @@ from tiler.scene.strict import (
 
 SIX_FACTORS = "a number above 0 and at most 64, or six of them (edges u=0, v=0, u=1, v=1, inside u, v)"
 SCALE = "a number above 0 and at most 1e+06, or three of them"
-MESH_SUFFIXES = (".obj", ".usd", ".usda", ".usdc", ".usdz")
 MAP_NAMES = ", ".join(MAPS)
 
 
@@ -72,7 +71,7 @@ def _patch_file(name: str) -> str:
 
 
 def _mesh_file(name: str) -> str:
-    if not name.lower().endswith(MESH_SUFFIXES):
+    if not name.lower().endswith(mesh_files.MESH_SUFFIXES):
         raise NotAllowed
     return name
 
@@ -150,11 +149,14 @@ class CameraFile(Strict):
 
 
 class DisplacementFile(Strict):
-    """Table [object.displacement]: displacement along the normal, `scale * map + bias` in world units."""
+    """Table [object.displacement]: displacement `scale * map + bias`, a number along the normal in world units, or a vector."""
 
     map: Annotated[str, AfterValidator(_known_map)] = Field(
         description=f"a file name ending in {', '.join(map_files.SUFFIXES)}, or one of {MAP_NAMES}"
     )
+    kind: Literal["scalar", "vector"] = "scalar"
+    space: VectorSpace = "object"
+    seams: Seams = "keep"
     channel: map_files.Channel | None = Field(None, description="one of grey, r, g, b, a (of a map file)")
     size: int = whole(512, 16, 4096, " (texels along a side of a procedural map)")
     seed: int = whole(1, 0, 2**31 - 1, " (of a procedural map)")
@@ -169,6 +171,12 @@ class DisplacementFile(Strict):
             raise Faults(*(((key,), "belongs to procedural maps, and map names a file") for key in given))
         if not is_map_file(self.map) and self.channel is not None:
             raise Faults((("channel",), f"belongs to map files, and {self.map} is a procedural map"))
+        if self.kind == "vector" and not is_map_file(self.map):
+            raise Faults((("kind",), f"is vector, and {self.map} is a procedural map; allowed: a map file"))
+        if self.kind == "vector" and self.channel is not None:
+            raise Faults((("channel",), "belongs to scalar maps, and this one has the components r, g and b"))
+        if self.kind == "scalar" and "space" in self.model_fields_set:
+            raise Faults((("space",), "belongs to maps of vectors, and kind is scalar"))
         return self
 
 
@@ -183,7 +191,7 @@ class ObjectFile(Strict):
         None, description=f"a file name ending in {', '.join(mesh_files.PATCH_SUFFIXES)}"
     )
     mesh: Annotated[str, AfterValidator(_mesh_file)] | None = Field(
-        None, description=f"a file name ending in {', '.join(MESH_SUFFIXES)}"
+        None, description=f"a file name ending in {', '.join(mesh_files.MESH_SUFFIXES)}"
     )
     basis: Literal["acc", "gregory"] = "acc"
     refine: Literal["none", "uniform", "adaptive"] = "none"
@@ -206,6 +214,14 @@ class ObjectFile(Strict):
             for key in ("basis", "refine")
             if key in self.model_fields_set and self.mesh is None and self.builder not in MESH_BUILDERS
         ]
+        if (
+            self.displacement is not None
+            and self.displacement.seams != "keep"
+            and self.mesh is None
+            and self.builder not in MESH_BUILDERS
+        ):
+            problem = "belongs to a mesh, and this object is made of patches"
+            raise Faults((("displacement", "seams"), problem))
         if wrong:
             raise Faults(*(((key,), "belongs to a mesh, and this object is made of patches") for key in wrong))
         if self.builder is None and "parameters" in self.model_fields_set:

@@ -1,6 +1,5 @@
 """Control meshes that a scene file names become the surfaces of an object, and arrays beside them its motion."""
 
-import importlib
 from pathlib import Path
 from typing import get_args
 
@@ -12,6 +11,7 @@ from pipeline.subdivision.topology import Cage, TopologyFault
 from pipeline.types import F32
 from tiler.scene.arrays import ArrayFault, load_arrays
 from tiler.scene.control_mesh import ControlMesh
+from tiler.scene.mesh_files import read_mesh
 from tiler.scene.skinning import Skinning
 
 MOTION_ARRAYS = ("frames", "interpolation", "points", "transforms", "bone_index", "bone_weight", "bones")
@@ -21,9 +21,16 @@ def read_surface(
     path: Path, basis: str, refinement: Refine, needs_texcoords: bool
 ) -> tuple[Surface, F32, tuple[str, ...]]:
     """Surface of all meshes of a file, their vertices (V, 3) one mesh after the other, and warnings. Raises ArrayFault."""
-    meshes, warnings = importlib.import_module("tiler.scene.mesh_files").read_mesh(path)
-    if needs_texcoords and any((mesh.face_texcoords < 0).any() for mesh in meshes):
-        raise ArrayFault("has faces without texture coordinates; allowed: texture coordinates for a displaced object")
+    meshes, warnings = read_mesh(path)
+    if needs_texcoords:
+        for mesh in meshes:
+            corners = np.flatnonzero(mesh.face_texcoords < 0)
+            faces = len(np.unique(np.searchsorted(mesh.face_first, corners, side="right")))
+            if faces:
+                raise ArrayFault(
+                    f"has {faces} faces without texture coordinates in {mesh.name}, and the object has a displacement "
+                    "map; allowed: texture coordinates at every corner, or no displacement"
+                )
     surface, vertices, more = surface_of(meshes, basis, refinement)
     return surface, vertices, (*warnings, *more)
 

@@ -1,4 +1,5 @@
-"""`tiler validate`: the bounds and cull tests under attack, and the tessellator against a file of reference answers.
+"""`tiler validate`: bounds and cull tests under attack, tessellator and limit surface against files of reference answers,
+and whether a mesh is closed.
 
 Bounds. Every entry of BOUNDS and CULL_TESTS is checked by `tiler.verify` over the built-in scenes at several factors, then
 over batches of patches that are made to break it: smooth, rational, degenerate, flat, tiny, huge, far away, with weights
@@ -14,8 +15,10 @@ from tiler.validation.attack import attack_points
 from tiler.validation.bounds import validate_bounds
 from tiler.validation.campaign import Campaign
 from tiler.validation.families import FAMILIES, Batch, make_batch, make_stage
+from tiler.validation.limit import validate_limit
 from tiler.validation.tally import Tally
 from tiler.validation.tessellator import count_cases, validate_tessellator
+from tiler.validation.watertight import settings_of, validate_watertight
 
 __all__ = [
     "FAMILIES",
@@ -26,6 +29,9 @@ __all__ = [
     "count_cases",
     "make_batch",
     "make_stage",
+    "settings_of",
     "validate_bounds",
+    "validate_limit",
     "validate_tessellator",
+    "validate_watertight",
 ]

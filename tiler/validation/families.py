@@ -118,12 +118,20 @@ def _constant(rng: np.random.Generator) -> tuple[F32, float, float]:
     return np.full((2, 3), rng.normal(), np.float32), float(rng.normal() * 0.3), float(rng.normal() * 0.3)
 
 
+def _vectors(rng: np.random.Generator) -> tuple[F32, float, float]:
+    """Noise or spikes in three components, one of them often zero."""
+    texels = rng.normal(0, 1, (*rng.integers(1, 12, 2), 3)) * rng.integers(0, 2, (1, 1, 3))
+    texels *= rng.random((*texels.shape[:2], 1)) < rng.choice([0.05, 1.0])
+    return texels.astype(np.float32), float(rng.normal() * 10.0 ** rng.uniform(-3, 0)), float(rng.normal() * 0.1)
+
+
 MAPS: dict[str, Callable[[np.random.Generator], tuple[F32, float, float]]] = {
     "plain": _no_map,
     "spikes": _spikes,
     "noise": _noise,
     "steps": _steps,
     "constant": _constant,
+    "vectors": _vectors,
 }
 
 
@@ -140,7 +148,9 @@ FAMILIES: tuple[tuple[str, str, str], ...] = (
     ("needle", "noise", ""), ("smooth", "plain", "tiny"), ("smooth", "noise", "tiny"), ("smooth", "plain", "huge"),
     ("rational", "noise", "huge"), ("smooth", "plain", "far away"), ("smooth", "noise", "far away"),
     ("degenerate", "plain", "far away"), ("bad weights", "noise", ""), ("rational degenerate", "plain", ""),
-    ("degenerate", "spikes", "huge"), ("smooth ACC", "plain", ""), ("smooth ACC", "noise", ""),
+    ("degenerate", "spikes", "huge"), ("smooth", "vectors", ""), ("rational", "vectors", ""),
+    ("degenerate", "vectors", ""), ("needle", "vectors", "tiny"), ("smooth", "vectors", "far away"),
+    ("smooth ACC", "plain", ""), ("smooth ACC", "noise", ""),
     ("degenerate ACC", "constant", ""), ("smooth ACC", "spikes", "far away"), ("smooth Gregory", "plain", ""),
     ("smooth Gregory", "noise", ""), ("degenerate Gregory", "steps", "huge"), ("ACC mesh", "plain", ""),
     ("ACC mesh", "noise", ""), ("ACC mesh", "constant", "tiny"), ("Gregory mesh", "spikes", ""),
@@ -153,6 +163,7 @@ class Batch(NamedTuple):
     name: str
     patches: Patches
     maps: Texels
+    turn: F32  # (maps, 3, 3) axes of the maps of vectors
     domain: F64  # (P, 4) multiples of 2^-16
     camera: Camera
     viewport: Viewport
@@ -209,6 +220,14 @@ def _factors(rng: np.random.Generator, n: int) -> TessFactors:
     return TessFactors(np.ascontiguousarray(six[:, :4]), np.ascontiguousarray(six[:, 4:]))
 
 
+def _turns(rng: np.random.Generator, n: int) -> F32:
+    """Axes for vectors: the world's, turned, or scaled and sheared, float32[n, 3, 3]."""
+    turns = rng.normal(size=(n, 3, 3))
+    turns[0::3] = np.eye(3)
+    turns[1::3] = np.linalg.qr(turns[1::3])[0]
+    return turns.astype(np.float32)
+
+
 def make_batch(seed: int, number: int, n: int = PATCHES) -> Batch:
     """Batch `number` of a seed: n patches of one family, seen by one camera."""
     rng = np.random.default_rng([seed, number])
@@ -240,6 +259,7 @@ def make_batch(seed: int, number: int, n: int = PATCHES) -> Batch:
         name=" ".join(word for word in (shape, kind, place) if word),
         patches=patches,
         maps=maps,
+        turn=_turns(np.random.default_rng([seed, number, 5]), count),
         domain=_domains(rng, n) if rng.integers(2) else np.tile([0.0, 1.0, 0.0, 1.0], (n, 1)),
         camera=_camera(shift, scale, rng),
         viewport=[
@@ -255,9 +275,11 @@ def make_batch(seed: int, number: int, n: int = PATCHES) -> Batch:
 
 def make_stage(batch: Batch) -> HullInput:
     """The hull stage's input of a batch."""
+    maps = pack_maps(batch.maps)
+    maps.turn[: len(batch.turn)] = batch.turn
     return hull.make_input(
         batch.patches,
-        pack_maps(batch.maps),
+        maps,
         batch.camera.clip_from_world,
         batch.viewport,
         eye=batch.camera.eye,

@@ -78,7 +78,7 @@ def check_frame(
     viewport = Viewport(0, 0, width, height, 0.0, 1.0)
     plain = Machine(tile=machine.tile, binning="triangle", cull=())
     grid, target = make_grid(width, height, plain.tile), back_end.make_target(scene.picture)
-    packed = front_end.scene_maps(scene)
+    packed = front_end.scene_maps(scene, number)
     patches = front_end.run_vertex_shader(scene, number)
     factors = front_end.tess_factors(scene.tessellation, patches, camera, viewport)
     stage = front_end.hull_input(scene, patches, packed, factors, camera, viewport)
