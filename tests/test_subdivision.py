@@ -1,5 +1,7 @@
 """Control meshes to patches: against the limit surface of OpenSubdiv, against plain subdivision, and refused where wrong."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -195,7 +197,8 @@ def test_what_is_no_surface_is_refused(text):
     cage = cage if faces else cage._replace(face_first=np.zeros(1, np.int32))
     with pytest.raises(TopologyFault, match=text):
         make_surface(cage)
-    with pytest.raises(ArrayFault, match="is no surface: .*" + text):
+    joined = re.sub("names vertex 9; allowed: 0 to 5", "names vertex -1", text)  # beyond all meshes of the object
+    with pytest.raises(ArrayFault, match="is no surface: .*" + joined):
         surface_of([control_mesh(np.zeros((num_vertices, 3)), cage)], "acc", "none")
 
 
@@ -223,7 +226,7 @@ def test_nonfinite_points_flag_their_patches_only(value, basis):
         patches = hull.surface_patches(surface, points, -1, 0)
     flags = hull.flag_nonfinite(patches, np.zeros((0, 2)))
     near = (surface.layers[0].quad == 5).any(axis=1)
-    assert flags[near].all() and not flags.all()
+    assert flags[near].all() == (not np.isfinite(value)) and not flags.all()  # of 3e38 a share is finite in float32
     alive = np.flatnonzero(flags == 0)
     for table, row in ((patches.tangent_u, patches.tangent_id), (patches.inner, patches.gregory_id)):
         assert np.isfinite(table[row[alive][row[alive] >= 0]]).all()
