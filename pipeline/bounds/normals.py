@@ -91,7 +91,7 @@ def _load_vector(s, row, lane, vector):
     """A given control vector float32[3] of one lane, turned into the frame; NaN if it is too long."""
     x, y, z, f = np.float64(vector[0]), np.float64(vector[1]), np.float64(vector[2]), AXES * LANES + lane
     if not max(abs(x), abs(y), abs(z)) < MOST_SIZE:
-        x = np.nan
+        x = np.float64(np.nan)
     i = row * LANES + lane
     s[i] = s[f] * x + s[f + LANES] * y + s[f + 2 * LANES] * z
     s[i + 12 * LANES] = s[f + 3 * LANES] * x + s[f + 4 * LANES] * y + s[f + 5 * LANES] * z
