@@ -8,7 +8,8 @@ the normal alone. A patch whose normal is zero somewhere stays where it is there
 Widened outwards for the float32 shader (u = 2^-24), beside what `fit` adds: p + t n rounds once, t n once, and the
 components of n are off by at most 4 u in length: 6 u |t|, as vectors at most sqrt(3) times that.
 
-Each step is a kernel of its own that all bounds share; between them go rows over all patches (`lanes`).
+Box and normals are one kernel (`normals`; `fit` alone where nothing is asked of the normals), growing and projecting are
+others; between them go rows over all patches (`lanes`).
 """
 
 import numpy as np
