@@ -106,9 +106,12 @@ def test_patches_have_one_fate_each(runs):
     for run in runs:
         c = run.frame.counters
         balance(run, "patches of the scene", run.scene.num_patches, c["ia_primitives"])
-        balance(run, "control points", 16 * c["ia_primitives"], c["ia_vertices"])
+        balance(run, "control points", run.scene.num_vertices, c["ia_vertices"])
         balance(run, "vertex shader", c["ia_vertices"], c["vs_invocations"])
-        balance(run, "control-point phase", 16 * c["hs_invocations"], c["hs_control_points"])
+        if run.scene.meshes:  # 32 for a patch with tangent patches, 20 for a Gregory patch
+            assert 16 * c["hs_invocations"] < c["hs_control_points"] < 32 * c["hs_invocations"]
+        else:
+            balance(run, "control-point phase", 16 * c["hs_invocations"], c["hs_control_points"])
         balance(run, "hull shader", c["ia_primitives"], c["hs_invocations"])
         culled = [name for name in DEFINITIONS if name.startswith("hs_culled_")]
         assert len(culled) >= 3

@@ -109,6 +109,9 @@ def test_the_sphere_holds_every_control_point_and_displacement():
         for point, who in zip(scene.control_points[::7], scene.object_id[::7], strict=True):
             world = scene.transforms[who].astype(float) @ (point.reshape(16, 4) / point.reshape(16, 4)[:, 3:]).T
             furthest = max(furthest, np.linalg.norm(world.T - centre, axis=1).max())
+        for mesh in scene.meshes:
+            world = mesh.vertices @ scene.transforms[mesh.object_id][:, :3].T + scene.transforms[mesh.object_id][:, 3]
+            furthest = max(furthest, np.linalg.norm(world - centre, axis=1).max())
         height = max((abs(m.scale * m.texels + m.bias).max() for m in scene.maps), default=0.0)
         assert furthest + height <= radius * (1 + 1e-6)
         assert radius < 3 * (furthest + height), name

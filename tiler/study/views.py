@@ -117,7 +117,7 @@ def bounding_sphere(scene: Scene) -> Sphere:
     """Sphere around all control points with a positive weight, wider by the largest displacement."""
     points = [scene.control_points.astype(np.float64).reshape(-1, 4)]
     objects = [np.repeat(scene.object_id, 16)]
-    for mesh in getattr(scene, "meshes", ()):  # a subdivision surface lies inside the hull of its vertices, too
+    for mesh in scene.meshes:  # a subdivision surface lies inside the hull of its vertices, too
         points.append(np.column_stack([mesh.vertices, np.ones(len(mesh.vertices))]).astype(np.float64))
         objects.append(np.full(len(mesh.vertices), mesh.object_id))
     point = np.concatenate(points)
@@ -132,6 +132,8 @@ def bounding_sphere(scene: Scene) -> Sphere:
         radius = math.sqrt(float(((x - middle[0]) ** 2 + (y - middle[1]) ** 2 + (z - middle[2]) ** 2).max()))
         for each in scene.maps:
             height = np.abs(each.scale * each.texels.astype(np.float64) + each.bias)
+            if height.ndim == 3:
+                height = np.sqrt((height**2).sum(axis=2))
             radius += max(0.0, float(height[np.isfinite(height)].max(initial=0.0)))
     return Sphere((middle[0], middle[1], middle[2]), radius if 0 < radius < math.inf else 1.0)
 
