@@ -324,7 +324,7 @@ def _assemble_inside(
     so each is stored, and the place moves on if it does. There is room, as the place never passes the triangle's number.
     """
     left, top, right, bottom = bounds
-    zero_area, culled, no_sample, offscreen = 0, 0, 0, 0
+    zero_area, culled, no_sample, offscreen = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
     for s in range(first, last):
         a, b, c = np.int64(indices[3 * s]), np.int64(indices[3 * s + 1]), np.int64(indices[3 * s + 2])
         a, b, c = a + base, b + base, c + base

@@ -14,6 +14,7 @@ from tiler.order import comes_before
 
 BLOCK_LOG2 = 3  # triangles wider than a block are walked by blocks of 8x8 pixels, and blocks outside an edge skipped
 SMALL = 1 << BLOCK_LOG2
+IN_LOOP = 2 * SMALL  # pixels a side of what `fill_small` is for
 
 # Standard patterns (19.2.4): offsets of the samples from the pixel centre, 1/256 pixel, x right, y down.
 SAMPLE_X = {1: np.array([0], np.int64), 4: np.array([-2, 6, -6, 2], np.int64) * 16}
@@ -80,8 +81,10 @@ def fill_small(
     for row in range(y0, y1 + 1):
         quads_of_rows = quads_of_rows if row & 1 else 0  # bit k: the k-th block of this pair of rows is counted
         f0, f1, f2 = e0, e1, e2
+        entered = False
         for column in range(x0, x1 + 1):
             if (f0 | f1 | f2) >= 0:
+                entered = True
                 covered += 1
                 k = row * width + column
                 d = depth[k]
@@ -94,6 +97,8 @@ def fill_small(
                         quad = 1 << ((column >> 1) - (x0 >> 1))
                         quads += (quads_of_rows & quad) == 0
                         quads_of_rows |= quad
+            elif entered:
+                break  # a triangle is convex: the row is done
             f0 -= dy0 << 8
             f1 -= dy1 << 8
             f2 -= dy2 << 8
@@ -123,15 +128,16 @@ def _fill(x0, y0, x1, y1, t, edges, plane, area, depth, visible, ties, order, st
             if (e0 | e1 | e2) >= 0:
                 entered = True
                 covered += 1
-                z = _depth(plane, area, e1 - b1, e2 - b2)
                 d = depth[y, x, 0]
-                if z < d or (ties and z == d and comes_before(t, visible[y, x, 0], order, stored[y, x, 0])):
-                    depth[y, x, 0] = z
-                    visible[y, x, 0] = t
-                    passed += 1
-                    quad = 1 << ((x >> 1) - (x0 >> 1))
-                    quads += (quads_of_rows & quad) == 0
-                    quads_of_rows |= quad
+                if plane[3] < d or ties:
+                    z = _depth(plane, area, e1 - b1, e2 - b2)
+                    if z < d or (ties and z == d and comes_before(t, visible[y, x, 0], order, stored[y, x, 0])):
+                        depth[y, x, 0] = z
+                        visible[y, x, 0] = t
+                        passed += 1
+                        quad = 1 << ((x >> 1) - (x0 >> 1))
+                        quads += (quads_of_rows & quad) == 0
+                        quads_of_rows |= quad
             elif entered:
                 break  # a triangle is convex: the row is done
             e0 -= step0
@@ -161,8 +167,10 @@ def _fill_samples(
                 s2 = e2 + dx2 * oy - dy2 * ox
                 if ((s0 + b0) | (s1 + b1) | (s2 + b2)) >= 0:
                     covered += 1
-                    z = _depth(plane, area, s1, s2)
                     d = depth[y, x, s]
+                    if plane[3] >= d and not ties:
+                        continue
+                    z = _depth(plane, area, s1, s2)
                     if z < d or (ties and z == d and comes_before(t, visible[y, x, s], order, stored[y, x, s])):
                         depth[y, x, s] = z
                         visible[y, x, s] = t

@@ -6,7 +6,7 @@ The counters say what the modelled machine shades (it does not know what will be
 import numpy as np
 
 from pipeline import pixel
-from pipeline.jit import helper
+from pipeline.jit import helper, inlined
 from pipeline.pixel import (
     BLUE,
     E0,
@@ -37,7 +37,7 @@ from pipeline.pixel import (
 from pipeline.primitives import BACK_FACE
 
 
-@helper
+@inlined
 def _gather(y, x0, x1, triangles, window, normal, shading, target, s, edges):
     """Put what the fragments of pixels x0..x1 of row y are interpolated from into scratch s; their number.
 
@@ -89,20 +89,21 @@ def _gather(y, x0, x1, triangles, window, normal, shading, target, s, edges):
     return n
 
 
-@helper
+@inlined
 def _scatter(y, x0, x1, target, s):
     """Store the colours of these pixels' fragments in the samples that show them, in the order of `_gather`."""
+    visible, color = target.visible, target.color
     n = -1
     for x in range(x0, x1 + 1):
         before = np.int32(-1)
-        for k in range(target.visible.shape[2]):
-            t = target.visible[y, x, k]
+        for k in range(visible.shape[2]):
+            t = visible[y, x, k]
             if t >= 0:
                 if t != before:
                     n += 1
-                target.color[y, x, k, 0] = np.uint8(s[RED + n])
-                target.color[y, x, k, 1] = np.uint8(s[GREEN + n])
-                target.color[y, x, k, 2] = np.uint8(s[BLUE + n])
+                color[y, x, k, 0] = np.uint8(s[RED + n])
+                color[y, x, k, 1] = np.uint8(s[GREEN + n])
+                color[y, x, k, 2] = np.uint8(s[BLUE + n])
             before = t
 
 

@@ -17,12 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.jit import helper, kernel
+from pipeline.jit import helper, inlined, kernel
 from pipeline.pixel import Shade
 from pipeline.primitives import NUM_OUTCOMES
 from pipeline.types import F32, I32, I64, U8
 from tiler.coarse_z import hidden_at, hides, propagate, recompute_block
-from tiler.rasterizer import SMALL, depth_limits, fill_small, rasterize
+from tiler.rasterizer import IN_LOOP, depth_limits, fill_small, rasterize
 from tiler.shading import shade_tile
 
 
@@ -112,7 +112,7 @@ class Touched(NamedTuple):
     bits: I32  # (2,) for `recompute_block`
 
 
-@helper
+@inlined
 def _set(values, begin, end, value):
     """A run of a flat array: the loop becomes a fill."""
     for k in range(begin, end):
@@ -122,15 +122,15 @@ def _set(values, begin, end, value):
 @helper
 def _clear(rect, background, target):
     width, samples = target.depth.shape[1:]
-    color = target.color.view(np.uint32).ravel()
-    value = background.view(np.uint32)[0]
+    depth, visible, order = target.depth.ravel(), target.visible.ravel(), target.order.ravel()
+    color, value = target.color.view(np.uint32).ravel(), background.view(np.uint32)[0]
     for y in range(rect[1], rect[3] + 1):
         begin, end = (y * width + rect[0]) * samples, (y * width + rect[2] + 1) * samples
-        _set(target.depth.ravel(), begin, end, np.float32(1.0))
-        _set(target.visible.ravel(), begin, end, np.int32(-1))
+        _set(depth, begin, end, np.float32(1.0))
+        _set(visible, begin, end, np.int32(-1))
         _set(color, begin, end, value)
-        if target.order.size:
-            _set(target.order.ravel(), begin, end, np.int64(-1))
+        if order.size:
+            _set(order, begin, end, np.int64(-1))
 
 
 @helper
@@ -138,13 +138,9 @@ def _forget_visible(rect, target):
     """Forget what the batch before showed, if the tile's first sample says that it may have shown something."""
     width, samples = target.depth.shape[1:]
     if target.visible[rect[1], rect[0], 0] != -1:
+        visible = target.visible.ravel()
         for y in range(rect[1], rect[3] + 1):
-            _set(
-                target.visible.ravel(),
-                (y * width + rect[0]) * samples,
-                (y * width + rect[2] + 1) * samples,
-                np.int32(-1),
-            )
+            _set(visible, (y * width + rect[0]) * samples, (y * width + rect[2] + 1) * samples, np.int32(-1))
 
 
 @helper
@@ -348,7 +344,7 @@ def _work_off(
             if test_triangles and _triangle_hidden((x0, y0, x1, y1), lo, rules, coarse, counts):
                 continue
             drawn += 1
-            if at_once and x1 - x0 < SMALL and y1 - y0 < SMALL:
+            if at_once and x1 - x0 < IN_LOOP and y1 - y0 < IN_LOOP:
                 covered, passed, quads = fill_small(
                     t, x0, y0, x1, y1, xs[a], ys[a], xs[b], ys[b], xs[c], ys[c], z_a, z_b, z_c, lo, hi, width, depth,
                     visible, ties, order, stored,
