@@ -63,7 +63,11 @@ def _gather(y, x0, x1, triangles, window, normal, shading, target, s, edges):
             before = t
             if t != last:
                 last = t
-                a, b, c = vertex[t, 0], vertex[t, 1], vertex[t, 2]
+                a, b, c = (
+                    np.uint32(vertex[t, 0]),
+                    np.uint32(vertex[t, 1]),
+                    np.uint32(vertex[t, 2]),
+                )  # no index from the end
                 xa, ya, wa = np.int64(xs[a]), np.int64(ys[a]), ws[a]
                 xb, yb, wb = np.int64(xs[b]), np.int64(ys[b]), ws[b]
                 xc, yc, wc = np.int64(xs[c]), np.int64(ys[c]), ws[c]

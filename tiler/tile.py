@@ -398,10 +398,11 @@ def process_tiles(
     for tile in range(begin, end):
         x0, y0 = (tile % tiles_x) << tile_log2, (tile // tiles_x) << tile_log2
         rect = (x0, y0, min(x0 + (1 << tile_log2), grid.width) - 1, min(y0 + (1 << tile_log2), grid.height) - 1)
-        if first_batch:
-            _clear(rect, background, target)
-        else:
+        if not first_batch:
             _forget_visible(rect, target)
+        elif tile == begin or x0 == 0:  # all tiles of this row of tiles at once: long runs, which stay in the cache
+            in_row = min(end - tile, tiles_x - tile % tiles_x)
+            _clear((x0, y0, min(x0 + (in_row << tile_log2), grid.width) - 1, rect[3]), background, target)
         if queue.first[tile] < queue.first[tile + 1]:
             first_row, last_row = _work_off(
                 tile, rect, rules, queue, triangle_queue, work, triangles, order, window, pattern, depth_range, target,

@@ -24,6 +24,7 @@ from numba.core.registry import CPUDispatcher
 from tiler import machine
 
 OURS = ("pipeline", "tiler")
+FRAMES = (machine.render_frame, machine.last_frame, machine.draw_frame)  # the stages stand in these
 
 
 class Stopwatch:
@@ -90,7 +91,7 @@ def _stages() -> list[tuple[Any, str, str]]:
                 (n, f) for n, f in vars(value).items() if isinstance(f, FunctionType) and f.__module__ == value.__name__
             ]
             found += [(value, n, _short(f)) for n, f in functions]
-        elif isinstance(value, FunctionType) and _is_ours(value) and value is not machine.render_frame:
+        elif isinstance(value, FunctionType) and _is_ours(value) and value not in FRAMES:
             found.append((machine, name, _short(value)))
         elif isinstance(value, dict) and name.isupper():
             found += [(value, key, f"{name}[{key}]") for key, f in value.items() if callable(f)]
