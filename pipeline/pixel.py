@@ -3,8 +3,8 @@
 Attributes are interpolated with perspective, float64, from the exact edge values of the snapped triangle, and handed to
 the shader as float32 (D3D11.3 functional specification 3.4.1, 15.16.2): a = sum(E_i a_i / w_i) / sum(E_i / w_i).
 
-A row of fragments is shaded together. Its rows lie in one scratch array at constant distances, so that the shader's
-arithmetic vectorizes (as in `pipeline.domain`).
+A run of fragments is interpolated and shaded together. Its rows lie in one scratch array at constant distances, so that the
+arithmetic vectorizes (as in `pipeline.domain`); all rows of a run fit into the first level of a processor's cache.
 """
 
 from enum import IntEnum
@@ -26,9 +26,14 @@ class Shade(IntEnum):
 
 NORMAL, PATCH, WIREFRAME = int(Shade.NORMAL), int(Shade.PATCH), int(Shade.WIREFRAME)
 
-FRAGMENTS = 2048  # most fragments of a row: the widest tile, 512 pixels, with four samples
+FRAGMENTS = 64  # most fragments of a run
 NX, NY, NZ, RED, GREEN, BLUE = (k * FRAGMENTS for k in range(6))
-SCRATCH = 6 * FRAGMENTS  # float32 entries that the caller provides
+WA, WB, WC = (k * FRAGMENTS for k in range(6, 9))  # corners: clip-space w, and normals, component by component
+NAX, NAY, NAZ, NBX, NBY, NBZ, NCX, NCY, NCZ = (k * FRAGMENTS for k in range(9, 18))
+E0, E1, E2 = (
+    k * FRAGMENTS for k in range(9, 12)
+)  # edge functions: rows of the scratch's float64 view, behind the others
+SCRATCH = 24 * FRAGMENTS  # float32 entries that the caller provides, on an address that is a multiple of 8
 
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 BYTE = np.float32(255.0)
@@ -68,6 +73,21 @@ def line_darkening(edges, e0, e1, e2, mask):
     if mask & 4:
         nearest = min(nearest, _edge_distance(edges[2], e2))
     return np.float32(0.12 + 0.88 * nearest)
+
+
+@helper
+def interpolate(n, s, edges):
+    """Normals of n fragments from those of their triangles' corners: rows NX, NY, NZ of scratch s from WA .. NCZ and E0 .. E2.
+
+    edges : the float64 view of s.
+    """
+    for k in range(n):
+        e0, e1, e2 = edges[E0 + k], edges[E1 + k], edges[E2 + k]
+        a, b, c = 1.0 / np.float64(s[WA + k]), 1.0 / np.float64(s[WB + k]), 1.0 / np.float64(s[WC + k])
+        scale = 1.0 / ((e0 * a + e1 * b) + e2 * c)
+        s[NX + k] = ((e0 * (s[NAX + k] * a) + e1 * (s[NBX + k] * b)) + e2 * (s[NCX + k] * c)) * scale
+        s[NY + k] = ((e0 * (s[NAY + k] * a) + e1 * (s[NBY + k] * b)) + e2 * (s[NCY + k] * c)) * scale
+        s[NZ + k] = ((e0 * (s[NAZ + k] * a) + e1 * (s[NBZ + k] * b)) + e2 * (s[NCZ + k] * c)) * scale
 
 
 @helper

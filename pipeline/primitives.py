@@ -14,7 +14,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from pipeline.jit import helper, kernel
+from pipeline.jit import helper, inlined, kernel
 from pipeline.types import FaceCull, Viewport
 
 LEFT, RIGHT, BOTTOM, TOP, NEAR, FAR, GUARD, NONFINITE = (1 << k for k in range(8))  # bits of Window.code
@@ -22,6 +22,7 @@ FRUSTUM = LEFT | RIGHT | BOTTOM | TOP | NEAR | FAR
 NEEDS_CLIP = NEAR | FAR | GUARD
 
 WINDOW_MIN, WINDOW_MAX = -32768.0, 32767.0 + 255.0 / 256.0
+ZERO = np.float32(0.0)
 CULL_FRONT, CULL_BACK = int(FaceCull.FRONT), int(FaceCull.BACK)
 
 BACK_FACE = 8  # bit of Triangles.edges beside the three edge bits
@@ -63,7 +64,7 @@ def guard_band(viewport: Viewport) -> tuple[float, float, float, float]:
     return lo_x, hi_x, lo_y, hi_y
 
 
-@helper
+@inlined
 def _window(x, y, z, w, viewport):
     """Window coordinates in float32, D3D11.3 functional specification 15.6."""
     width, height = np.float32(viewport.width), np.float32(viewport.height)
@@ -74,26 +75,25 @@ def _window(x, y, z, w, viewport):
     return x_win, y_win, near + (z / w) * (far - near)
 
 
-@helper
+@inlined
 def _snap(a):
     """Window coordinate to 16.8 fixed point: nearest, ties to even, saturating (3.2.4.1)."""
     return np.int32(np.rint(min(max(np.float64(a), WINDOW_MIN), WINDOW_MAX) * 256.0))
 
 
-@helper
+@inlined
 def _out_code(x, y, z, w, guard):
-    if not (abs(x) < np.inf and abs(y) < np.inf and abs(z) < np.inf and abs(w) < np.inf):
-        return NONFINITE
+    """Bits of a clip-space position. Nothing here is a branch, so that the loop over points vectorizes."""
     lo_x, hi_x, lo_y, hi_y = guard
-    code = 0
-    code |= LEFT if x < -w else 0
+    code = LEFT if x < -w else 0
     code |= RIGHT if x > w else 0
     code |= BOTTOM if y < -w else 0
     code |= TOP if y > w else 0
-    code |= NEAR if (z < 0.0 or w <= 0.0) else 0
+    code |= NEAR if (z < 0.0) | (w <= 0.0) else 0
     code |= FAR if z > w else 0
-    code |= GUARD if (x < lo_x * w or x > hi_x * w or y < lo_y * w or y > hi_y * w) else 0
-    return code
+    code |= GUARD if (x < lo_x * w) | (x > hi_x * w) | (y < lo_y * w) | (y > hi_y * w) else 0
+    finite = (abs(x) < np.inf) & (abs(y) < np.inf) & (abs(z) < np.inf) & (abs(w) < np.inf)
+    return code if finite else NONFINITE
 
 
 @kernel
@@ -102,16 +102,19 @@ def project_points(begin, end, clip, viewport, guard, window):
 
     Points that need the clipper get position 0: nothing reads it.
     """
-    for k in range(begin, end):
-        x, y, z, w = clip[0, k], clip[1, k], clip[2, k], clip[3, k]
+    n = end - begin
+    xs, ys, zs, ws = clip[0, begin:end], clip[1, begin:end], clip[2, begin:end], clip[3, begin:end]
+    out_x, out_y, out_z = window.x[begin:end], window.y[begin:end], window.z[begin:end]
+    out_w, out_code = window.w[begin:end], window.code[begin:end]
+    for k in range(n):
+        x, y, z, w = xs[k], ys[k], zs[k], ws[k]
         code = _out_code(x, y, z, w, guard)
-        window.code[k] = code
-        window.w[k] = w
-        if code & (NEEDS_CLIP | NONFINITE):
-            window.x[k], window.y[k], window.z[k] = 0, 0, 0.0
-        else:
-            x_win, y_win, z_win = _window(x, y, z, w, viewport)
-            window.x[k], window.y[k], window.z[k] = _snap(x_win), _snap(y_win), z_win
+        x_win, y_win, z_win = _window(x, y, z, w, viewport)
+        drawn = (code & (NEEDS_CLIP | NONFINITE)) == 0
+        out_x[k] = _snap(x_win if drawn else ZERO)
+        out_y[k] = _snap(y_win if drawn else ZERO)
+        out_z[k] = z_win if drawn else ZERO
+        out_w[k], out_code[k] = w, code
 
 
 @kernel
@@ -235,10 +238,7 @@ def _set_up(ids, edges, patch, t, window, bounds, margin, face_cull, triangles):
     elif face_cull == CULL_FRONT:
         return _FACE
     left, top, right, bottom = bounds
-    x0 = (min(xa, xb, xc) + 127 - margin) >> 8
-    y0 = (min(ya, yb, yc) + 127 - margin) >> 8
-    x1 = (max(xa, xb, xc) - 128 + margin) >> 8
-    y1 = (max(ya, yb, yc) - 128 + margin) >> 8
+    x0, y0, x1, y1 = _box(xa, ya, xb, yb, xc, yc, margin)
     if x0 > x1 or y0 > y1:
         return _NO_SAMPLE
     x0, y0, x1, y1 = max(x0, left), max(y0, top), min(x1, right), min(y1, bottom)
@@ -304,6 +304,63 @@ def _assemble_patch(
     triangles.used[k] = t - triangles.first[k]
 
 
+@helper
+def _box(xa, ya, xb, yb, xc, yc, margin):
+    """First and last column and row of pixels with a sample within the bounds of a triangle; none where first > last."""
+    x0 = (min(xa, xb, xc) + 127 - margin) >> 8
+    y0 = (min(ya, yb, yc) + 127 - margin) >> 8
+    x1 = (max(xa, xb, xc) - 128 + margin) >> 8
+    y1 = (max(ya, yb, yc) - 128 + margin) >> 8
+    return x0, y0, x1, y1
+
+
+@helper
+def _assemble_inside(
+    k, patch, first, last, base, indices, xs, ys, bounds, margin, face_cull, vertex, box, edges, patches, source, t, outcomes
+):  # fmt: skip
+    """All triangles of a live patch that lies inside the frustum; the place after its last one.
+
+    What `_set_up` does, for most of all triangles: whether one goes on is known only after its box is, and chance decides,
+    so each is stored, and the place moves on if it does. There is room, as the place never passes the triangle's number.
+    """
+    left, top, right, bottom = bounds
+    zero_area, culled, no_sample, offscreen = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
+    for s in range(first, last):
+        a, b, c = np.int64(indices[3 * s]), np.int64(indices[3 * s + 1]), np.int64(indices[3 * s + 2])
+        a, b, c = a + base, b + base, c + base
+        xa, ya = np.int64(xs[a]), np.int64(ys[a])
+        xb, yb = np.int64(xs[b]), np.int64(ys[b])
+        xc, yc = np.int64(xs[c]), np.int64(ys[c])
+        area = (xb - xa) * (yc - ya) - (yb - ya) * (xc - xa)
+        if area == 0:
+            zero_area += 1
+            continue
+        back = area < 0
+        if face_cull == (CULL_BACK if back else CULL_FRONT):
+            culled += 1
+            continue
+        x0, y0, x1, y1 = _box(xa, ya, xb, yb, xc, yc, margin)
+        empty = (x0 > x1) | (y0 > y1)
+        x0, y0, x1, y1 = max(x0, left), max(y0, top), min(x1, right), min(y1, bottom)
+        out = (x0 > x1) | (y0 > y1)
+        vertex[t, 0], vertex[t, 1], vertex[t, 2] = a, c if back else b, b if back else c
+        box[t, 0], box[t, 1], box[t, 2], box[t, 3] = x0, y0, x1, y1
+        edges[t] = 7 | BACK_FACE if back else 7
+        patches[t] = patch
+        source[t] = s - first
+        no_sample += np.int64(empty)
+        offscreen += np.int64(out) & ~np.int64(empty)
+        t += 1 - (np.int64(empty) | np.int64(out))
+    outcomes[k, _C_IN] += last - first
+    outcomes[k, _C_OUT] += last - first
+    outcomes[k, _ZERO_AREA] += zero_area
+    outcomes[k, _FACE] += culled
+    outcomes[k, _NO_SAMPLE] += no_sample
+    outcomes[k, _OFFSCREEN] += offscreen
+    outcomes[k, _SETUP] += last - first - zero_area - culled - no_sample - offscreen
+    return t
+
+
 @kernel
 def assemble(
     begin, end, live, patterns, points, first_spare, viewport, guard, bounds, margin, face_cull, window, triangles,
@@ -316,9 +373,25 @@ def assemble(
     (x0, y0, x1, y1). margin : reach of the sample pattern from the pixel centre, 1/256 pixel. scratch : float64[2 *
     MAX_CORNERS, POLYGON]. outcomes : int64[live, NUM_OUTCOMES]. `window`, `triangles`, `outcomes` are modified in place.
     """
+    indices, xs, ys = patterns.indices, window.x, window.y
+    vertex, box, edges, patches, source = (
+        triangles.vertex, triangles.box, triangles.edges, triangles.patch, triangles.source,
+    )  # fmt: skip
     for k in range(begin, end):
         patch = live[k]
+        pattern = patterns.of_patch[patch]
+        any_code = np.uint8(0)
+        for i in range(points.first[k], points.first[k + 1]):
+            any_code |= window.code[i]
+        if any_code == 0:
+            first, last = patterns.first_triangle[pattern], patterns.first_triangle[pattern + 1]
+            t = _assemble_inside(
+                k, patch, first, last, points.first[k], indices, xs, ys, bounds, margin, face_cull, vertex, box, edges,
+                patches, source, triangles.first[k], outcomes,
+            )  # fmt: skip
+            triangles.used[k] = t - triangles.first[k]
+            continue
         _assemble_patch(
-            k, patch, patterns.of_patch[patch], points.first[k], patterns, points, viewport, guard, bounds, margin,
+            k, patch, pattern, points.first[k], patterns, points, viewport, guard, bounds, margin,
             face_cull, window, first_spare[k], triangles, outcomes, scratch,
         )  # fmt: skip

@@ -35,7 +35,7 @@ from tiler.rasterizer import MARGIN
 from tiler.scene.camera import Camera
 from tiler.scene.model import DisplacementMap, Scene, Tessellation
 
-BATCH_POINTS = 1 << 21  # domain points in flight: bounds the memory of a frame's geometry at about 300 MB
+BATCH_POINTS = 1 << 18  # domain points in flight: a batch of about 40 MB, whose memory the next one gets again
 WINDING = "triangle_ccw"  # with u x v pointing to the viewer this is clockwise on the screen: a front face
 FAN_TRIANGLES = primitives.MAX_CORNERS - 2
 

@@ -35,7 +35,6 @@ def number_triangles(live: I32, owner: I32, original: I32, patterns: Patterns, t
 
 
 @helper
-def comes_before(t, y, x, s, visible, order, stored):
-    """Whether triangle t was submitted before what is seen at a sample: of this batch, or of an earlier one."""
-    seen = visible[y, x, s]
-    return order[t] < (order[seen] if seen >= 0 else stored[y, x, s])
+def comes_before(t, seen, order, stored):
+    """Whether triangle t was submitted before what is seen at a sample: `seen` of this batch, -1 for none, or else `stored`."""
+    return order[t] < (order[seen] if seen >= 0 else stored)

@@ -9,12 +9,12 @@ depth and its triangle number; shading comes later, for the triangles that stay 
 
 import numpy as np
 
-from pipeline.jit import helper
+from pipeline.jit import helper, inlined
 from tiler.order import comes_before
 
-BLOCK_LOG2 = 3  # triangles wider than two blocks are walked by blocks of 8x8 pixels, and blocks outside an edge skipped
-SMALL = 2 << BLOCK_LOG2
-WHOLE_LOG2 = 16  # one block that holds the whole picture
+BLOCK_LOG2 = 3  # triangles wider than a block are walked by blocks of 8x8 pixels, and blocks outside an edge skipped
+SMALL = 1 << BLOCK_LOG2
+IN_LOOP = 2 * SMALL  # pixels a side of what `fill_small` is for
 
 # Standard patterns (19.2.4): offsets of the samples from the pixel centre, 1/256 pixel, x right, y down.
 SAMPLE_X = {1: np.array([0], np.int64), 4: np.array([-2, 6, -6, 2], np.int64) * 16}
@@ -22,18 +22,15 @@ SAMPLE_Y = {1: np.array([0], np.int64), 4: np.array([-6, -2, 2, 6], np.int64) * 
 MARGIN = {1: 0, 4: 96}  # farthest sample from the centre along an axis
 
 
-@helper
+@inlined
 def _top_left_bias(dx, dy):
     """0 where a sample exactly on the edge is inside (a top or a left edge), else -1."""
     return 0 if (dy < 0 or (dy == 0 and dx > 0)) else -1
 
 
-@helper
-def triangle_depths(triangles, window, t, depth_range):
-    """Nearest and farthest depth that triangle t can give: what `_depth` clamps to."""
-    z0 = window.z[triangles.vertex[t, 0]]
-    z1 = window.z[triangles.vertex[t, 1]]
-    z2 = window.z[triangles.vertex[t, 2]]
+@inlined
+def depth_limits(z0, z1, z2, depth_range):
+    """Nearest and farthest depth that a triangle of these corners can give: what `_depth` clamps to."""
     lo = min(max(min(z0, z1, z2), depth_range[0]), depth_range[1])
     hi = min(max(max(z0, z1, z2), depth_range[0]), depth_range[1])
     return lo, hi
@@ -45,17 +42,70 @@ def _depth_plane(triangles, window, t, depth_range):
     z0 = window.z[triangles.vertex[t, 0]]
     z1 = window.z[triangles.vertex[t, 1]]
     z2 = window.z[triangles.vertex[t, 2]]
-    lo, hi = triangle_depths(triangles, window, t, depth_range)
+    lo, hi = depth_limits(z0, z1, z2, depth_range)
     base = np.float64(z0)
     return base, np.float64(z1) - base, np.float64(z2) - base, lo, hi
 
 
-@helper
+@inlined
 def _depth(plane, area, e1, e2):
     """Depth where the edge functions 1 and 2 are e1 and e2: float64, rounded to float32, clamped."""
     base, z_1, z_2, lo, hi = plane
     z = np.float32(base + (np.float64(e1) * z_1 + np.float64(e2) * z_2) / area)
     return min(max(z, lo), hi)
+
+
+@inlined
+def fill_small(
+    t, x0, y0, x1, y1, xa, ya, xb, yb, xc, yc, z_a, z_b, z_c, lo, hi, width, depth, visible, ties, order, stored
+):  # fmt: skip
+    """Rasterize a triangle at the centre of pixels x0..x1, y0..y1, few of them: without blocks, and without arrays to set up.
+
+    xa .. yc : its window vertices. z_a, z_b, z_c : their depths, and lo, hi what `depth_limits` says of them. depth,
+    visible, stored : flat, one sample a pixel, rows of `width`. Returns samples covered, samples passed, 2x2 blocks of
+    pixels with a sample passed.
+    """
+    x, y = (x0 << 8) + 128, (y0 << 8) + 128
+    rx, ry = np.int64(xc) - x, np.int64(yc) - y  # corners from the first pixel's centre
+    qx, qy = np.int64(xb) - x, np.int64(yb) - y
+    px, py = np.int64(xa) - x, np.int64(ya) - y
+    dx0, dy0, dx1, dy1, dx2, dy2 = rx - qx, ry - qy, px - rx, py - ry, qx - px, qy - py
+    b0, b1, b2 = _top_left_bias(dx0, dy0), _top_left_bias(dx1, dy1), _top_left_bias(dx2, dy2)
+    e0 = dy0 * qx - dx0 * qy + b0
+    e1 = dy1 * rx - dx1 * ry + b1
+    e2 = dy2 * px - dx2 * py + b2
+    base = np.float64(z_a)
+    plane = (base, np.float64(z_b) - base, np.float64(z_c) - base, lo, hi)
+    area = np.float64(dx2 * (ry - py) - dy2 * (rx - px))
+    covered, passed, quads, quads_of_rows = 0, 0, 0, 0
+    for row in range(y0, y1 + 1):
+        quads_of_rows = quads_of_rows if row & 1 else 0  # bit k: the k-th block of this pair of rows is counted
+        f0, f1, f2 = e0, e1, e2
+        entered = False
+        for column in range(x0, x1 + 1):
+            if (f0 | f1 | f2) >= 0:
+                entered = True
+                covered += 1
+                k = row * width + column
+                d = depth[k]
+                if lo < d or ties:  # no depth of the triangle is nearer than `lo`
+                    z = _depth(plane, area, f1 - b1, f2 - b2)
+                    if z < d or (ties and z == d and comes_before(t, visible[k], order, stored[k])):
+                        depth[k] = z
+                        visible[k] = t
+                        passed += 1
+                        quad = 1 << ((column >> 1) - (x0 >> 1))
+                        quads += (quads_of_rows & quad) == 0
+                        quads_of_rows |= quad
+            elif entered:
+                break  # a triangle is convex: the row is done
+            f0 -= dy0 << 8
+            f1 -= dy1 << 8
+            f2 -= dy2 << 8
+        e0 += dx0 << 8
+        e1 += dx1 << 8
+        e2 += dx2 << 8
+    return covered, passed, quads
 
 
 @helper
@@ -78,15 +128,16 @@ def _fill(x0, y0, x1, y1, t, edges, plane, area, depth, visible, ties, order, st
             if (e0 | e1 | e2) >= 0:
                 entered = True
                 covered += 1
-                z = _depth(plane, area, e1 - b1, e2 - b2)
                 d = depth[y, x, 0]
-                if z < d or (ties and z == d and comes_before(t, y, x, 0, visible, order, stored)):
-                    depth[y, x, 0] = z
-                    visible[y, x, 0] = t
-                    passed += 1
-                    quad = 1 << ((x >> 1) - (x0 >> 1))
-                    quads += (quads_of_rows & quad) == 0
-                    quads_of_rows |= quad
+                if plane[3] < d or ties:
+                    z = _depth(plane, area, e1 - b1, e2 - b2)
+                    if z < d or (ties and z == d and comes_before(t, visible[y, x, 0], order, stored[y, x, 0])):
+                        depth[y, x, 0] = z
+                        visible[y, x, 0] = t
+                        passed += 1
+                        quad = 1 << ((x >> 1) - (x0 >> 1))
+                        quads += (quads_of_rows & quad) == 0
+                        quads_of_rows |= quad
             elif entered:
                 break  # a triangle is convex: the row is done
             e0 -= step0
@@ -116,9 +167,11 @@ def _fill_samples(
                 s2 = e2 + dx2 * oy - dy2 * ox
                 if ((s0 + b0) | (s1 + b1) | (s2 + b2)) >= 0:
                     covered += 1
-                    z = _depth(plane, area, s1, s2)
                     d = depth[y, x, s]
-                    if z < d or (ties and z == d and comes_before(t, y, x, s, visible, order, stored)):
+                    if plane[3] >= d and not ties:
+                        continue
+                    z = _depth(plane, area, s1, s2)
+                    if z < d or (ties and z == d and comes_before(t, visible[y, x, s], order, stored[y, x, s])):
                         depth[y, x, s] = z
                         visible[y, x, s] = t
                         passed += 1
@@ -166,36 +219,30 @@ def triangle_edges(window, a, b, c):
 
 @helper
 def rasterize(
-    t, rect, triangles, window, sample_x, sample_y, margin, depth_range, depth, visible, ties, order, stored
+    t, x0, y0, x1, y1, triangles, window, sample_x, sample_y, margin, depth_range, depth, visible, ties, order, stored
 ):  # fmt: skip
-    """Rasterize triangle t inside pixels rect = (x0, y0, x1, y1), inclusive; `depth`, `visible` modified in place.
+    """Rasterize triangle t inside pixels x0..x1, y0..y1 of its box; `depth`, `visible` modified in place.
 
     depth : float32[H, W, S]; visible : int32[H, W, S]. ties : whether triangles may come out of submit order; then order :
     int64[T], their submit numbers, and stored : int64[H, W, S], that of what a sample showed before this batch.
     Returns (samples covered, samples that passed the depth test, pixels with a sample that passed, aligned 2x2 blocks of
     pixels with such a pixel).
     """
-    x0, y0 = max(np.int64(triangles.box[t, 0]), rect[0]), max(np.int64(triangles.box[t, 1]), rect[1])
-    x1, y1 = min(np.int64(triangles.box[t, 2]), rect[2]), min(np.int64(triangles.box[t, 3]), rect[3])
-    covered, passed, pixels, quads = 0, 0, 0, 0
-    if x0 > x1 or y0 > y1:
-        return covered, passed, pixels, quads
     a, b, c = triangles.vertex[t, 0], triangles.vertex[t, 1], triangles.vertex[t, 2]
     edges, twice_area = triangle_edges(window, a, b, c)
     plane = _depth_plane(triangles, window, t, depth_range)
     area = np.float64(twice_area)
     small = x1 - x0 < SMALL and y1 - y0 < SMALL
-    log2 = WHOLE_LOG2 if small else BLOCK_LOG2
-    for by in range(y0 >> log2, (y1 >> log2) + 1):
-        for bx in range(x0 >> log2, (x1 >> log2) + 1):
-            px0, py0 = max(x0, bx << log2), max(y0, by << log2)
-            px1, py1 = min(x1, ((bx + 1) << log2) - 1), min(y1, ((by + 1) << log2) - 1)
-            if small or reaches_all(edges, px0, py0, px1, py1, margin):
+    covered, passed, pixels, quads = 0, 0, 0, 0
+    for py0 in range(y0 if small else y0 & -SMALL, y1 + 1, SMALL):
+        for px0 in range(x0 if small else x0 & -SMALL, x1 + 1, SMALL):
+            bx0, by0, bx1, by1 = max(x0, px0), max(y0, py0), min(x1, px0 + SMALL - 1), min(y1, py0 + SMALL - 1)
+            if small or reaches_all(edges, bx0, by0, bx1, by1, margin):
                 if len(sample_x) == 1:
-                    n, m, p, q = _fill(px0, py0, px1, py1, t, edges, plane, area, depth, visible, ties, order, stored)
+                    n, m, p, q = _fill(bx0, by0, bx1, by1, t, edges, plane, area, depth, visible, ties, order, stored)
                 else:
                     n, m, p, q = _fill_samples(
-                        px0, py0, px1, py1, t, edges, plane, area, sample_x, sample_y, depth, visible, ties, order, stored
+                        bx0, by0, bx1, by1, t, edges, plane, area, sample_x, sample_y, depth, visible, ties, order, stored
                     )  # fmt: skip
                 covered += n
                 passed += m

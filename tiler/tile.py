@@ -17,12 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.jit import helper, kernel
+from pipeline.jit import helper, inlined, kernel
 from pipeline.pixel import Shade
 from pipeline.primitives import NUM_OUTCOMES
 from pipeline.types import F32, I32, I64, U8
 from tiler.coarse_z import hidden_at, hides, propagate, recompute_block
-from tiler.rasterizer import WHOLE_LOG2, rasterize, triangle_depths
+from tiler.rasterizer import IN_LOOP, depth_limits, fill_small, rasterize
 from tiler.shading import shade_tile
 
 
@@ -67,6 +67,9 @@ TILE_GRID = int(Shade.TILE_GRID)
 class Target(NamedTuple):
     """The render target. `visible` holds, within a batch, the triangle that is seen at each sample, -1 for none.
 
+    Between batches a tile whose first sample says -1 shows nothing of the batch before; where it shows something, but not at
+    its first sample, that says STALE, which is none too.
+
     `order`: the submit number (`tiler/order.py`) of what is seen at each sample at the end of a batch, -1 for none; of shape
     (0, 0, 0) where nobody asks for it.
     """
@@ -90,6 +93,7 @@ class Rules(NamedTuple):
 
 
 KEEP, RECOMPUTE, FEED_FORWARD = 0, 1, 2
+STALE = -2
 
 
 class Work(NamedTuple):
@@ -108,24 +112,35 @@ class Touched(NamedTuple):
     bits: I32  # (2,) for `recompute_block`
 
 
+@inlined
+def _set(values, begin, end, value):
+    """A run of a flat array: the loop becomes a fill."""
+    for k in range(begin, end):
+        values[k] = value
+
+
 @helper
 def _clear(rect, background, target):
+    width, samples = target.depth.shape[1:]
+    depth, visible, order = target.depth.ravel(), target.visible.ravel(), target.order.ravel()
+    color, value = target.color.view(np.uint32).ravel(), background.view(np.uint32)[0]
     for y in range(rect[1], rect[3] + 1):
-        for x in range(rect[0], rect[2] + 1):
-            for s in range(target.depth.shape[2]):
-                target.depth[y, x, s] = 1.0
-                if target.order.size:
-                    target.order[y, x, s] = -1
-                for c in range(4):
-                    target.color[y, x, s, c] = background[c]
+        begin, end = (y * width + rect[0]) * samples, (y * width + rect[2] + 1) * samples
+        _set(depth, begin, end, np.float32(1.0))
+        _set(visible, begin, end, np.int32(-1))
+        _set(color, begin, end, value)
+        if order.size:
+            _set(order, begin, end, np.int64(-1))
 
 
 @helper
 def _forget_visible(rect, target):
-    for y in range(rect[1], rect[3] + 1):
-        for x in range(rect[0], rect[2] + 1):
-            for s in range(target.depth.shape[2]):
-                target.visible[y, x, s] = -1
+    """Forget what the batch before showed, if the tile's first sample says that it may have shown something."""
+    width, samples = target.depth.shape[1:]
+    if target.visible[rect[1], rect[0], 0] != -1:
+        visible = target.visible.ravel()
+        for y in range(rect[1], rect[3] + 1):
+            _set(visible, (y * width + rect[0]) * samples, (y * width + rect[2] + 1) * samples, np.int32(-1))
 
 
 @helper
@@ -253,71 +268,117 @@ def _begin_unit(k, q, rect, rules, work, triangles, coarse, outcome, counts):
 
 
 @helper
+def _draw_blocks(
+    t, rect, x0, y0, x1, y1, lo, hi, rules, triangles, window, order, pattern, depth_range, target, coarse, counts
+):  # fmt: skip
+    """Rasterize triangle t block by block of the pyramid, which is tested and brought up to date; what `rasterize` says."""
+    sample_x, sample_y, margin = pattern
+    log2 = coarse.block_log2
+    covered, passed, pixels, quads = 0, 0, 0, 0
+    for by in range(y0 >> log2, (y1 >> log2) + 1):
+        for bx in range(x0 >> log2, (x1 >> log2) + 1):
+            if rules.blocks and _test_block(bx, by, lo, hi, rules, coarse, counts):
+                continue
+            left, top = bx << log2, by << log2
+            right, bottom = min(left + (1 << log2) - 1, rect[2]), min(top + (1 << log2) - 1, rect[3])
+            n, m, p, q = rasterize(
+                t, max(x0, left), max(y0, top), min(x1, right), min(y1, bottom), triangles, window, sample_x, sample_y,
+                margin, depth_range, target.depth, target.visible, rules.ties, order, target.order,
+            )  # fmt: skip
+            if m > 0:
+                whole = n == (right - left + 1) * (bottom - top + 1) * len(sample_x)
+                _merge(bx, by, lo, hi, whole, rules, coarse, counts)
+            covered += n
+            passed += m
+            pixels += p
+            quads += q
+    return covered, passed, pixels, quads
+
+
+@helper
 def _work_off(
     tile, rect, rules, queue, triangle_queue, work, triangles, order, window, pattern, depth_range, target, coarse, rows,
     touched, outcome, counts,
 ):  # fmt: skip
-    """Work off the tile's queue in order. Of a unit those triangles are drawn that are binned to the tile.
+    """Work off the tile's queue in order; the rows in which something passed. Of a unit those triangles are drawn that are
+    binned to the tile.
 
-    A triangle is rasterized block by block where blocks matter, else at once. All of it stands in one function: a call for
-    each triangle would count references to all of these arrays up and down, which takes as long as a small triangle.
+    All that a small triangle needs stands in this function, as scalars and flat arrays with names of their own: a call for
+    each triangle would count references to the arrays up and down, which takes as long as the triangle.
     """
     sample_x, sample_y, margin = pattern
+    left, top, right, bottom = rect
+    by_unit, ties = rules.by_unit, rules.ties
     by_blocks = rules.blocks or rules.update == FEED_FORWARD
-    test_triangles = rules.triangles or (rules.pairs and not rules.by_unit)
-    tests = rules.pairs or test_triangles or rules.blocks or rules.update != KEEP  # coarse Z is in use
-    log2 = coarse.block_log2 if by_blocks else WHOLE_LOG2
+    test_triangles = rules.triangles or (rules.pairs and not by_unit)
+    at_once = len(sample_x) == 1 and not by_blocks
+    item, box, vertex = triangle_queue.item, triangles.box, triangles.vertex
+    xs, ys, zs = window.x, window.y, window.z
+    width, depth, visible, stored = (
+        target.depth.shape[1],
+        target.depth.ravel(),
+        target.visible.ravel(),
+        target.order.ravel(),
+    )
+    first_row, last_row = bottom + 1, top - 1
+    taken, drawn, sum_covered, sum_passed, sum_pixels, sum_quads = 0, 0, 0, 0, 0, 0
     place, end = triangle_queue.first[tile], triangle_queue.first[tile + 1]
     for q in range(queue.first[tile], queue.first[tile + 1]):
-        counts[_ENTRIES] += 1
         first, last = np.int64(queue.item[q]), np.int64(queue.item[q]) + 1
-        if rules.by_unit:
+        if by_unit:
             k = queue.item[q]
             first, last = triangles.first[k], triangles.first[k + 1]
-            while place < end and triangle_queue.item[place] < first:
+            while place < end and item[place] < first:
                 place += 1
             if _begin_unit(k, q, rect, rules, work, triangles, coarse, outcome, counts):
                 continue
-        while place < end and triangle_queue.item[place] < last:
-            t = triangle_queue.item[place]
+        while place < end and item[place] < last:
+            t = item[place]
             place += 1
-            counts[_OUTSIDE] -= rules.by_unit
-            x0, y0, x1, y1 = rect
-            lo = hi = np.float32(0.0)
-            if tests:
-                x0, y0 = max(np.int64(triangles.box[t, 0]), x0), max(np.int64(triangles.box[t, 1]), y0)
-                x1, y1 = min(np.int64(triangles.box[t, 2]), x1), min(np.int64(triangles.box[t, 3]), y1)
-                lo, hi = triangle_depths(triangles, window, t, depth_range)
+            taken += 1
+            x0, y0 = max(np.int64(box[t, 0]), left), max(np.int64(box[t, 1]), top)
+            x1, y1 = min(np.int64(box[t, 2]), right), min(np.int64(box[t, 3]), bottom)
+            a, b, c = vertex[t, 0], vertex[t, 1], vertex[t, 2]
+            z_a, z_b, z_c = zs[a], zs[b], zs[c]
+            lo, hi = depth_limits(z_a, z_b, z_c, depth_range)
             if test_triangles and _triangle_hidden((x0, y0, x1, y1), lo, rules, coarse, counts):
                 continue
-            counts[_TRIANGLES] += 1
-            any_passed = 0
-            for by in range(y0 >> log2, (y1 >> log2) + 1):
-                for bx in range(x0 >> log2, (x1 >> log2) + 1):
-                    if rules.blocks and _test_block(bx, by, lo, hi, rules, coarse, counts):
-                        continue
-                    part = rect
-                    if by_blocks:
-                        part = (
-                            bx << log2, by << log2,
-                            min(((bx + 1) << log2) - 1, rect[2]), min(((by + 1) << log2) - 1, rect[3]),
-                        )  # fmt: skip
-                    covered, passed, pixels, quads = rasterize(
-                        t, part, triangles, window, sample_x, sample_y, margin, depth_range, target.depth, target.visible,
-                        rules.ties, order, target.order,
-                    )  # fmt: skip
-                    if by_blocks and passed > 0:
-                        whole = covered == (part[2] - part[0] + 1) * (part[3] - part[1] + 1) * len(sample_x)
-                        _merge(bx, by, lo, hi, whole, rules, coarse, counts)
-                    counts[_COVERED] += covered
-                    counts[_PASSED] += passed
-                    counts[_PS] += pixels
-                    counts[_HELPERS] += 4 * quads - pixels
-                    any_passed += passed
-            if any_passed > 0 and rules.update == RECOMPUTE:
-                _touch((x0, y0, x1, y1), rect, q, coarse, touched)
+            drawn += 1
+            if at_once and x1 - x0 < IN_LOOP and y1 - y0 < IN_LOOP:
+                covered, passed, quads = fill_small(
+                    t, x0, y0, x1, y1, xs[a], ys[a], xs[b], ys[b], xs[c], ys[c], z_a, z_b, z_c, lo, hi, width, depth,
+                    visible, ties, order, stored,
+                )  # fmt: skip
+                pixels = passed
+            elif by_blocks:
+                covered, passed, pixels, quads = _draw_blocks(
+                    t, rect, x0, y0, x1, y1, lo, hi, rules, triangles, window, order, pattern, depth_range, target, coarse,
+                    counts,
+                )  # fmt: skip
+            else:
+                covered, passed, pixels, quads = rasterize(
+                    t, x0, y0, x1, y1, triangles, window, sample_x, sample_y, margin, depth_range, target.depth,
+                    target.visible, ties, order, target.order,
+                )  # fmt: skip
+            sum_covered += covered
+            if passed > 0:
+                sum_passed += passed
+                sum_pixels += pixels
+                sum_quads += quads
+                first_row, last_row = min(first_row, y0), max(last_row, y1)
+                if rules.update == RECOMPUTE:
+                    _touch((x0, y0, x1, y1), rect, q, coarse, touched)
         if rules.update == RECOMPUTE:
             _refresh(rect, coarse, rows, target.depth.shape[2], touched, counts)
+    counts[_ENTRIES] += queue.first[tile + 1] - queue.first[tile]
+    counts[_TRIANGLES] += drawn
+    if by_unit:
+        counts[_OUTSIDE] -= taken
+    counts[_COVERED] += sum_covered
+    counts[_PASSED] += sum_passed
+    counts[_PS] += sum_pixels
+    counts[_HELPERS] += 4 * sum_quads - sum_pixels
+    return first_row, last_row
 
 
 @kernel
@@ -337,16 +398,23 @@ def process_tiles(
     for tile in range(begin, end):
         x0, y0 = (tile % tiles_x) << tile_log2, (tile // tiles_x) << tile_log2
         rect = (x0, y0, min(x0 + (1 << tile_log2), grid.width) - 1, min(y0 + (1 << tile_log2), grid.height) - 1)
-        if first_batch:
-            _clear(rect, background, target)
-        _forget_visible(rect, target)
-        _work_off(
-            tile, rect, rules, queue, triangle_queue, work, triangles, order, window, pattern, depth_range, target, coarse,
-            rows, touched, outcome, counts[tile],
-        )  # fmt: skip
-        shade_tile(rect, triangles, window, normal, shading, light, target, scratch)
-        if target.order.size:
-            _store_order(rect, order, target)
+        if not first_batch:
+            _forget_visible(rect, target)
+        elif tile == begin or x0 == 0:  # all tiles of this row of tiles at once: long runs, which stay in the cache
+            in_row = min(end - tile, tiles_x - tile % tiles_x)
+            _clear((x0, y0, min(x0 + (in_row << tile_log2), grid.width) - 1, rect[3]), background, target)
+        if queue.first[tile] < queue.first[tile + 1]:
+            first_row, last_row = _work_off(
+                tile, rect, rules, queue, triangle_queue, work, triangles, order, window, pattern, depth_range, target,
+                coarse, rows, touched, outcome, counts[tile],
+            )  # fmt: skip
+            if first_row <= last_row:
+                drawn = (x0, first_row, rect[2], last_row)
+                shade_tile(drawn, triangles, window, normal, shading, light, target, scratch)
+                if target.order.size:
+                    _store_order(drawn, order, target)
+                if not last_batch and target.visible[y0, x0, 0] == -1:
+                    target.visible[y0, x0, 0] = STALE
         if last_batch:
             if target.depth.shape[2] > 1:
                 _resolve(rect, target)

@@ -1,6 +1,6 @@
 """A stopwatch around the stages of a frame, put on from outside: while it is off, the machine runs as if it did not exist.
 
-What is timed is not listed anywhere: it is every function that `draw_frame` can call by a global name, of its own
+What is timed is not listed anywhere: it is every function that `render_frame` can call by a global name, of its own
 module or of a module of ours that it names, and every entry of a table of functions. So a new stage is timed as soon as
 the machine calls it. A function that a timed one calls is part of that one. Compiled kernels are timed beside the stages,
 by themselves, on whatever thread they run; what is left of a stage is Python and NumPy.
@@ -24,6 +24,7 @@ from numba.core.registry import CPUDispatcher
 from tiler import machine
 
 OURS = ("pipeline", "tiler")
+FRAMES = (machine.render_frame, machine.last_frame, machine.draw_frame)  # the stages stand in these
 
 
 class Stopwatch:
@@ -81,11 +82,8 @@ def timing() -> Iterator[Stopwatch]:
         yield watch
 
 
-WHOLE = (machine.render_frame, machine.draw_frame)  # their parts are the stages
-
-
 def _stages() -> list[tuple[Any, str, str]]:
-    """Owner, name in it, label: the functions that `draw_frame` can call by its global names."""
+    """Owner, name in it, label: the functions that `render_frame` can call by its global names."""
     found: list[tuple[Any, str, str]] = []
     for name, value in list(vars(machine).items()):
         if _is_ours(value) and isinstance(value, ModuleType):
@@ -93,7 +91,7 @@ def _stages() -> list[tuple[Any, str, str]]:
                 (n, f) for n, f in vars(value).items() if isinstance(f, FunctionType) and f.__module__ == value.__name__
             ]
             found += [(value, n, _short(f)) for n, f in functions]
-        elif isinstance(value, FunctionType) and _is_ours(value) and value not in WHOLE:
+        elif isinstance(value, FunctionType) and _is_ours(value) and value not in FRAMES:
             found.append((machine, name, _short(value)))
         elif isinstance(value, dict) and name.isupper():
             found += [(value, key, f"{name}[{key}]") for key, f in value.items() if callable(f)]
