@@ -85,7 +85,8 @@ def render(
         Several frames instead: FIRST..LAST, or numbers separated by commas.
     heatmap
         Maps to draw as pictures with a scale beside the others, separated by commas: per-tile counters such as
-        queue_entries, queue_bytes, wasted_samples, and per pixel overdraw, depth_complexity, bounds_overlap.
+        queue_entries, queue_bytes, wasted_samples, wasted_domain_points (with --blame), and per pixel overdraw,
+        depth_complexity, bounds_overlap.
     threads
         Threads of this computer to use; all by default. The result does not depend on it.
     json
@@ -108,6 +109,11 @@ def render(
 
         for record in records[-1:]:
             print(Counters(record["counters"]).table())
+            if "blame" in record:
+                from tiler.blame import Blame, waterfall_table
+
+                blame = Blame(record["blame"]["invocations"], {}, record["blame"]["ideal"])
+                print(f"\n{waterfall_table({'': (Counters(record['counters']), blame)})}")
             print(f"\n{record['seconds'] * 1e3:,.0f} ms; {_say(len(records))} in {out}")
     held = [_tell_violations(f"frame {record['frame']:g}", record) for record in records]
     if not all(held):
@@ -151,7 +157,7 @@ def compare(
     quiet
         No progress.
     """
-    from tiler.animation import verify_record
+    from tiler.animation import blame_record, verify_record
     from tiler.comparison import compare as run
     from tiler.progress import Progress
     from tiler.simulation import simulate
@@ -181,6 +187,7 @@ def compare(
                 "same_picture": same[name],
             }
             | verify_record(made)
+            | blame_record(made)
             for name, made in comparison.frames.items()
         ],
     }
@@ -190,6 +197,11 @@ def compare(
             entry["cost"] = reports[entry["name"]].record()
     if not _write_json(result, json):
         print(comparison.table())
+        blamed = {n: (made.counters, made.blame) for n, made in comparison.frames.items() if made.blame is not None}
+        if blamed:
+            from tiler.blame import waterfall_table
+
+            print(f"\n{waterfall_table(blamed)}")
         if cost is not None:
             print(f"\n{cost_model.cost_table(reports)}")
     held = [_tell_violations(f"machine {entry['name']}", entry) for entry in result["machines"]]
