@@ -92,7 +92,7 @@ def test_the_largest_picture():
 @pytest.mark.parametrize("patches", [20_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 def test_many_patches_in_one_tile(patches):
     rng = np.random.default_rng(0)
-    points = np.tile(flat_patch(-0.3, -0.3, 0.3, 0.3).astype(np.float32), (patches, 1, 1, 1))
+    points = np.tile(flat_patch(-3, -3, 3, 3).astype(np.float32), (patches, 1, 1, 1))
     points[..., 1] += rng.integers(0, 2**16, patches)[:, None, None] * np.float32(2.0**-16)
     scene = patch_scene(points, size=(16, 16), factor=1.0)
     machines = [

@@ -60,7 +60,7 @@ FULL_MACHINES = [
     Machine(tile=16, binning="subpatch", subpatch_extent=4.0, cull=CZ, z_feedback="two_phase", domain_cache="frame"),
     Machine(tile=8, binning="subpatch", subpatch_extent=4.0, cull=CZ, z_feedback="previous_frame", tile_walk="morton"),
     Machine(tile=8, cull=CZ, domain_cache="lru:3", cores=2, queue_pool=120, queue_policy="flush", tile_walk="hilbert"),
-    Machine(tile=8, cull=CZ, z_feedback="two_phase", queue_model="blocks64", queue_pool=60_000, queue_policy="flush"),
+    Machine(tile=8, cull=CZ, z_feedback="two_phase", queue_model="blocks64"),
     Machine(
         tile=8,
         binning="subpatch",
