@@ -239,8 +239,7 @@ class Judge:
             )
         )
         shape = (m.tiles_y, m.tiles_x)
-        made = {} if m.machine.binning == "triangle" else {n: np.array(v).reshape(shape) for n, v in tiles.items()}
-        return NaiveBlame(total, made, ideal)
+        return NaiveBlame(total, {n: np.array(v).reshape(shape) for n, v in tiles.items()}, ideal)
 
 
 def blame_naively(scene: Scene, machine: Machine, frame: float = 0) -> NaiveBlame:

@@ -105,7 +105,7 @@ _CODES = {name: code for code, name in enumerate(BLAME)}
 @dataclass(frozen=True)
 class Blame:
     """invocations : domain-shader invocations by line of `BLAME`; their sum is `ds_invocations`. tiles : the same by tile,
-    int64[tiles_y, tiles_x]; empty in `triangle` binning, which shades in no tile. ideal : by name of `IDEAL`.
+    int64[tiles_y, tiles_x]; 0 in `triangle` binning, which shades in no tile. ideal : by name of `IDEAL`.
     """
 
     invocations: dict[str, int]
@@ -114,9 +114,8 @@ class Blame:
 
     @property
     def wasted_domain_points(self) -> I64:
-        """Invocations that were not useful, by tile: int64[tiles_y, tiles_x], or of no rows in `triangle` binning."""
-        wasted = [values for name, values in self.tiles.items() if name != "useful"]
-        return sum(wasted[1:], wasted[0]) if wasted else np.zeros((0, 0), np.int64)
+        """Invocations that were not useful, by tile: int64[tiles_y, tiles_x]."""
+        return np.sum([values for name, values in self.tiles.items() if name != "useful"], axis=0)
 
     def record(self) -> dict[str, dict[str, int]]:
         """What `--json` says."""
@@ -267,7 +266,8 @@ class Witness:
         if self.binning == "triangle":
             live = np.concatenate([batch for batch, _ in self.fates])
             invocations = _blame_front_end(live, points, misses, seen, visible, covered, passed, fates)
-            self.blame = Blame(invocations, {}, ideal)
+            nowhere = np.zeros((self.watch.grid.tiles_y, self.watch.grid.tiles_x), np.int64)
+            self.blame = Blame(invocations, {name: nowhere.copy() for name in BLAME}, ideal)
             return
         tile = np.concatenate([np.repeat(np.arange(len(p.first) - 1), np.diff(p.first)) for p in passes])
         done = _in_order(passes, tile, self.walk)

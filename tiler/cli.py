@@ -102,6 +102,8 @@ def render(
     names = check_heatmaps([] if heatmap is None else heatmap.split(","))
     opened = open_scene(scene, scene_options or SceneOptions())
     machine = make_machine(machine_options or MachineOptions())
+    if "wasted_domain_points" in names and not machine.blame:
+        raise TilerError("heatmap: 'wasted_domain_points' is not known of this machine; allowed: with --blame")
     with Progress(f"rendering {opened.name}", len(numbers), quiet) as bar:
         records = render_to_folder(opened, machine, numbers, out, names, threads, bar.update)
     if not _write_json(render_result(opened, machine, records), json) and not quiet:

@@ -89,10 +89,8 @@ class Frame:
     def tile_map(self, name: str) -> I64:
         """A per-tile counter, or `wasted_domain_points` of a machine with `blame`, int64[tiles_y, tiles_x]."""
         if name == "wasted_domain_points":
-            if self.blame is None or not self.blame.tiles:
-                raise TilerError(
-                    f"heatmap: {name!r} needs another machine; allowed: blame=True, and binning='patch' or 'subpatch'"
-                )
+            if self.blame is None:
+                raise TilerError(f"heatmap: {name!r} is not known of this machine; allowed: one with blame=True")
             return self.blame.wasted_domain_points
         if name not in self.tiles:
             raise TilerError(f"heatmap: {name!r} is not a per-tile counter; {unknown_name(name, self.tiles)}")
