@@ -15,7 +15,8 @@ from pydantic import BaseModel
 
 import tiler
 from pipeline.bounds import BOUNDS
-from tiler.comparison import MACHINES, compare
+from tiler.blame import BLAME, IDEAL, waterfall
+from tiler.comparison import EVERYTHING, MACHINES, compare
 from tiler.config import Machine
 from tiler.cost_model import break_even, break_even_text, cost_model_names, load_cost_model
 from tiler.costs import PAPER, count_operations
@@ -104,6 +105,47 @@ def definitions_table() -> str:
     lines = ["| counter | unit | what it counts | same as |", "| --- | --- | --- | --- |"]
     lines += [f"| `{name}` | {d.unit} | {d.stage}: {d.text} | {d.same_as} |" for name, d in DEFINITIONS.items()]
     return "\n".join(lines)
+
+
+def blame_definitions() -> str:
+    """docs/blame.md: what each line of blame means."""
+    lines = ["| line | key | points charged |", "| --- | --- | --- |"]
+    return "\n".join(lines + [f"| {reason.title} | `{name}` | {reason.text} |" for name, reason in BLAME.items()])
+
+
+def ideal_definitions() -> str:
+    """docs/blame.md: what the ideal figures mean."""
+    return "\n".join(["| key | what |", "| --- | --- |"] + [f"| `{name}` | {text} |" for name, text in IDEAL.items()])
+
+
+def blame_machines() -> dict[str, Machine]:
+    """The machines of docs/blame.md."""
+    tight = EVERYTHING | {"bounds": "taylor_clamped", "coarse_z_block": 4}
+    parts = {"binning": "subpatch", "tile": 64}
+    kinds: dict[str, dict[str, object]] = {
+        "triangle": {"binning": "triangle", "cull": ()},
+        "patch": EVERYTHING,
+        "patch, tight bound, blocks of 4": tight,
+        "patch, tiles of 128": EVERYTHING | {"tile": 128},
+        "patch, `previous_frame`": EVERYTHING | {"z_feedback": "previous_frame"},
+        "subpatch": EVERYTHING | parts,
+        "subpatch, tight bound, blocks of 4": tight | parts,
+        "subpatch, `previous_frame`": EVERYTHING | parts | {"z_feedback": "previous_frame"},
+    }
+    return {name: Machine(**({"blame": True} | fields)) for name, fields in kinds.items()}
+
+
+def blame_table() -> str:
+    """docs/blame.md: waterfalls side by side, with queue bytes."""
+    scene = tiler.load_scene("colonnade", size=(480, 270), factor=8)
+    columns = []
+    for machine in blame_machines().values():
+        frame = tiler.simulate(scene, machine, frame=1)
+        assert frame.blame is not None
+        lines = dict(waterfall(frame.counters, frame.blame)) | frame.blame.ideal
+        columns.append(lines | {"queue bytes": frame.counters["queue_bytes"]})
+    rows = [[title, *(f"{c[title]:,}" for c in columns)] for title in columns[0] if any(c[title] for c in columns)]
+    return aligned_table(["", *blame_machines()], rows)
 
 
 def keys_table(model: type[BaseModel], prefix: str) -> list[str]:
@@ -253,6 +295,9 @@ TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
     "queue pools": (ROOT / "docs" / "queue-memory.md", queue_pools_table),
     "cost models": (ROOT / "docs" / "cost-model.md", cost_models_table),
     "break even": (ROOT / "docs" / "cost-model.md", break_even_rows),
+    "blame": (ROOT / "docs" / "blame.md", blame_definitions),
+    "ideal": (ROOT / "docs" / "blame.md", ideal_definitions),
+    "blame table": (ROOT / "docs" / "blame.md", blame_table),
     "definitions": (ROOT / "docs" / "counters.md", definitions_table),
 }
 

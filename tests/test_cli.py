@@ -168,11 +168,33 @@ def test_an_unknown_option_is_refused(tmp_path: Path, option: str) -> None:
     assert not (tmp_path / "out").exists()
 
 
+def test_blame_is_told_as_a_waterfall_and_in_json(tmp_path: Path) -> None:
+    done = tiler("render", "teapot", "--size", "96x64", "--factor", "3", "--blame", "--heatmap", "wasted_domain_points",
+                 cwd=tmp_path)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "= useful invocations" in done.stdout and "ideal_patches" in done.stdout
+    assert (tmp_path / "out" / "wasted_domain_points.png").exists()
+    record = json.loads((tmp_path / "out" / "counters.json").read_text())["frames"][0]
+    assert sum(record["blame"]["invocations"].values()) == record["counters"]["ds_invocations"]
+    machines = ("--machine", "binning=triangle", "--machine", "binning=patch")
+    done = tiler("compare", "teapot", "--size", "96x64", "--factor", "3", "--blame", *machines, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (line,) = [line for line in done.stdout.splitlines() if line.startswith("= useful invocations")]
+    once, again = line.split()[-2:]
+    assert once == again, "what is useful does not depend on the machine"
+    done = tiler(
+        "compare", "teapot", "--size", "96x64", "--factor", "3", "--blame", *machines, "--json", "-", cwd=tmp_path
+    )
+    for made in json.loads(done.stdout)["machines"]:
+        assert sum(made["blame"]["invocations"].values()) == made["counters"]["ds_invocations"]
+        assert made["blame"]["ideal"]["ideal_patches"] > 0
+
+
 def test_a_picture_larger_than_memory_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tiler.memory.available_bytes", lambda: 10**9)
     scene = load_scene("teapot", size=(16384, 16384))
-    with pytest.raises(TilerError, match=r"16384 x 16384 .* 3\.2 GB; .* 1\.0 GB"):
-        render_to_folder(scene, Machine(), [0], tmp_path / "out")
+    with pytest.raises(TilerError, match=r"16384 x 16384 .* 3\.4 GB; .* 1\.0 GB"):
+        render_to_folder(scene, Machine(), [0], tmp_path / "out", threads=1)
     assert not (tmp_path / "out").exists()
 
 

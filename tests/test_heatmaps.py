@@ -108,7 +108,11 @@ def test_overdraw_is_that_of_a_slow_loop(samples, load):
 
 
 def test_sums_are_the_counters(scene):
-    for machine in (Machine(), Machine(tile=8, binning="triangle", cull=()), Machine(queue_model="hierarchy16")):
+    for machine in (
+        Machine(blame=True),
+        Machine(tile=8, binning="triangle", cull=(), blame=True),
+        Machine(queue_model="hierarchy16", blame=True),
+    ):
         frame = tiler.simulate(scene, machine, frame=1)
         c = frame.counters
         assert overdraw_map(scene, machine, 1).sum() == c["rs_samples_covered"]
@@ -143,7 +147,7 @@ def test_batches_change_no_map(load, monkeypatch):
 
 def test_an_empty_scene_has_black_maps():
     scene = patch_scene([])
-    frame = tiler.simulate(scene)
+    frame = tiler.simulate(scene, Machine(blame=True))
     for name in heatmap_names():
         values = heatmap_values(scene, frame, name)
         assert values.shape == (24, 40) and not values.any(), name

@@ -15,8 +15,9 @@ from tests.scenes import flat_patch, looking_along_y, patch_scene
 from tiler import back_end, memory
 from tiler.config import Machine
 from tiler.errors import TilerError
-from tiler.host import Host
+from tiler.host import CHUNKS_PER_THREAD, Host
 from tiler.scene.model import DisplacementMap, Picture, Scene, Tessellation
+from tiler.tile import NUM_TILE_COUNTS
 
 BOTH = (Machine(tile=8, binning="triangle"), Machine(tile=8, binning="patch"))
 VALUES = (np.nan, np.inf, -np.inf)
@@ -184,18 +185,20 @@ def test_picture_larger_than_memory_is_refused_before_allocation(small, monkeypa
 
 
 def test_memory_limit_is_where_it_should_be(small, monkeypatch):
-    """12 bytes a sample, and 4 a pixel more where samples are resolved."""
-    for samples, pixel in ((1, 12), (4, 52)):
+    """12 bytes a sample, 8 more with submit numbers, and 4 a pixel where samples are resolved; beside that the tiles'."""
+    for samples, ordered, pixel in ((1, False, 12), (4, False, 52), (1, True, 20), (4, True, 84)):
+        machine = Machine(queue_order="front_to_back" if ordered else "submit")
         scene = replace(small, picture=replace(small.picture, samples=samples))
-        needed = 40 * 24 * pixel
+        tables = 2 * 1 * 8 * (2 * NUM_TILE_COUNTS + 3 * CHUNKS_PER_THREAD)
+        needed = 40 * 24 * pixel + tables
         monkeypatch.setattr(memory, "available_bytes", lambda needed=needed: needed)
-        target = back_end.make_target(scene.picture)
+        target = back_end.make_target(scene.picture, ordered)
         shared = 0 if samples > 1 else target.resolved.nbytes  # a view of `color`
-        assert sum(a.nbytes for a in target) - shared == needed
-        tiler.simulate(scene)
+        assert sum(a.nbytes for a in target) - shared == needed - tables
+        tiler.simulate(scene, machine, threads=1)
         monkeypatch.setattr(memory, "available_bytes", lambda needed=needed: needed - 1)
         with pytest.raises(TilerError, match="picture"):
-            tiler.simulate(scene)
+            tiler.simulate(scene, machine, threads=1)
 
 
 def test_absurd_picture_is_refused_on_any_machine(small):

@@ -59,6 +59,17 @@ FULL_MACHINES = [
     ),
     Machine(tile=16, binning="subpatch", subpatch_extent=4.0, cull=CZ, z_feedback="two_phase", domain_cache="frame"),
     Machine(tile=8, binning="subpatch", subpatch_extent=4.0, cull=CZ, z_feedback="previous_frame", tile_walk="morton"),
+    Machine(tile=8, cull=CZ, domain_cache="lru:3", cores=2, queue_pool=120, queue_policy="flush", tile_walk="hilbert"),
+    Machine(tile=8, cull=CZ, z_feedback="two_phase", queue_model="blocks64"),
+    Machine(
+        tile=8,
+        binning="subpatch",
+        subpatch_extent=3.0,
+        cull=CZ,
+        domain_cache="lru:2",
+        queue_pool=150,
+        queue_policy="flush",
+    ),
 ]
 
 BUMPS = DisplacementMap(

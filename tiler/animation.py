@@ -49,9 +49,9 @@ def _digest_value(digest: Any, value: Any) -> None:
 
 
 def frame_record(frame: Frame) -> dict[str, Any]:
-    """What `--json` says of one frame; `violations` and `false_culls` only where the machine verifies."""
+    """What `--json` says of one frame; `violations` and `false_culls` where the machine verifies, `blame` where it blames."""
     record = {"frame": frame.number, "counters": dict(frame.counters), "seconds": round(frame.seconds, 6)}
-    return record | verify_record(frame)
+    return record | verify_record(frame) | blame_record(frame)
 
 
 def verify_record(frame: Frame) -> dict[str, Any]:
@@ -62,6 +62,11 @@ def verify_record(frame: Frame) -> dict[str, Any]:
         "violations": [violation.record() for violation in frame.violations],
         "false_culls": [violation.record() for violation in frame.false_culls],
     }
+
+
+def blame_record(frame: Frame) -> dict[str, Any]:
+    """What `--json` says of a frame's blame; nothing where the machine does not blame."""
+    return {} if frame.blame is None else {"blame": frame.blame.record()}
 
 
 def render_to_folder(

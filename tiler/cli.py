@@ -86,7 +86,8 @@ def render(
         Several frames instead: FIRST..LAST, or numbers separated by commas.
     heatmap
         Maps to draw as pictures with a scale beside the others, separated by commas: per-tile counters such as
-        queue_entries, queue_bytes, wasted_samples, and per pixel overdraw, depth_complexity, bounds_overlap.
+        queue_entries, queue_bytes, wasted_samples, wasted_domain_points (with --blame), and per pixel overdraw,
+        depth_complexity, bounds_overlap.
     threads
         Threads of this computer to use; all by default. The result does not depend on it.
     json
@@ -102,6 +103,8 @@ def render(
     names = check_heatmaps([] if heatmap is None else heatmap.split(","))
     opened = open_scene(scene, scene_options or SceneOptions())
     machine = make_machine(machine_options or MachineOptions())
+    if "wasted_domain_points" in names and not machine.blame:
+        raise TilerError("heatmap: 'wasted_domain_points' is not known of this machine; allowed: with --blame")
     with Progress(f"rendering {opened.name}", len(numbers), quiet) as bar:
         records = render_to_folder(opened, machine, numbers, out, names, threads, bar.update)
     if not _write_json(render_result(opened, machine, records), json) and not quiet:
@@ -109,6 +112,11 @@ def render(
 
         for record in records[-1:]:
             print(Counters(record["counters"]).table())
+            if "blame" in record:
+                from tiler.blame import Blame, waterfall_table
+
+                blame = Blame(record["blame"]["invocations"], {}, record["blame"]["ideal"])
+                print(f"\n{waterfall_table({'': (Counters(record['counters']), blame)})}")
             print(f"\n{record['seconds'] * 1e3:,.0f} ms; {_say(len(records))} in {out}")
     held = [_tell_violations(f"frame {record['frame']:g}", record) for record in records]
     if not all(held):
@@ -152,7 +160,7 @@ def compare(
     quiet
         No progress.
     """
-    from tiler.animation import verify_record
+    from tiler.animation import blame_record, verify_record
     from tiler.comparison import compare as run
     from tiler.progress import Progress
     from tiler.simulation import simulate
@@ -182,6 +190,7 @@ def compare(
                 "same_picture": same[name],
             }
             | verify_record(made)
+            | blame_record(made)
             for name, made in comparison.frames.items()
         ],
     }
@@ -191,6 +200,11 @@ def compare(
             entry["cost"] = reports[entry["name"]].record()
     if not _write_json(result, json):
         print(comparison.table())
+        blamed = {n: (made.counters, made.blame) for n, made in comparison.frames.items() if made.blame is not None}
+        if blamed:
+            from tiler.blame import waterfall_table
+
+            print(f"\n{waterfall_table(blamed)}")
         if cost is not None:
             print(f"\n{cost_model.cost_table(reports)}")
     held = [_tell_violations(f"machine {entry['name']}", entry) for entry in result["machines"]]

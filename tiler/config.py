@@ -49,6 +49,8 @@ class Machine(BaseModel):
         the queues start empty again; `fail`: TilerError. None: the model's own.
     verify : check each bound and each cull against all patches, shaded, and the picture without culls (`Frame.violations`);
         the machine draws and counts the same.
+    blame : say what perfect knowledge would have needed, and why each other domain-shader invocation was not avoided
+        (`Frame.blame`, tiler/blame.py); the machine draws and counts the same.
 
     Raises TilerError for an unknown field, name or value.
     """
@@ -74,6 +76,7 @@ class Machine(BaseModel):
     queue_pool: int | None = None
     queue_policy: Policy | None = None
     verify: bool = False
+    blame: bool = False
 
     @property
     def hull_cull(self) -> tuple[str, ...]:

@@ -66,7 +66,7 @@ def _is_hit(unit, root, room, before, after, held):
 
 
 @kernel
-def _replay(core, cores, walk, batch_pass, first, unit, outcome, points, room, before, after, held, counts):
+def _replay(core, cores, walk, batch_pass, first, unit, outcome, points, room, before, after, held, counts, shaded):
     root = len(points)
     before[root], after[root], held[root] = root, root, 0
     end = 0
@@ -86,17 +86,18 @@ def _replay(core, cores, walk, batch_pass, first, unit, outcome, points, room, b
                         hit = _is_hit(unit[q], root, room, before, after, held)
                         counts[tile, _HITS] += hit
                     if not hit:
+                        shaded[q] = 1
                         counts[tile, _DS] += points[unit[q]]
     while after[root] != root:  # leave nothing to the next core
         held[after[root]] = 0
         _unlink(after[root], before, after)
 
 
-def replay_shading(events: list[Events], points: I64, walk: I64, cores: int, cache: str, counts: I64) -> None:
+def replay_shading(events: list[Events], points: I64, walk: I64, cores: int, cache: str, counts: I64) -> U8:
     """Charge the domain-shader invocations of a frame to its tiles.
 
     points : int64[units], domain points of each. walk : the tiles in order. cache : as `Machine.domain_cache`.
-    counts : int64[tiles, NUM_TILE_COUNTS], modified in place.
+    counts : int64[tiles, NUM_TILE_COUNTS], modified in place. Returns 1 for each entry, batch by batch, whose unit was shaded.
     """
     room, walkers = 0, cores
     if cache == "frame":  # one cache for all cores, and room for everything
@@ -107,6 +108,7 @@ def replay_shading(events: list[Events], points: I64, walk: I64, cores: int, cac
     first = np.stack([e.first + offset for e, offset in zip(events, offsets[:-1], strict=True)])
     unit, outcome = np.concatenate([e.unit for e in events]), np.concatenate([e.outcome for e in events])
     batch_pass = np.array([e.number for e in events])
+    shaded = np.zeros(len(unit), np.uint8)
     n = len(points) + 1
     before, after, held = np.empty(n, np.int64), np.empty(n, np.int64), np.zeros(n, np.int64)
     for core in range(min(walkers, len(walk))):
@@ -124,7 +126,9 @@ def replay_shading(events: list[Events], points: I64, walk: I64, cores: int, cac
             after,
             held,
             counts,
+            shaded,
         )
+    return shaded
 
 
 @kernel

@@ -13,6 +13,7 @@ from tiler.queues import Queues
 if TYPE_CHECKING:
     from PIL.Image import Image
 
+    from tiler.blame import Blame
     from tiler.config import Machine
     from tiler.verify import Violation
 
@@ -40,7 +41,7 @@ class Frame:
     depth_samples : float32[H, W, S]. tiles : per-tile counters by name, each int64[tiles_y, tiles_x]. cores : the same
     summed over each simulated core's tiles, int64[cores]. seconds : wall time of the simulation. violations : what a machine
     with `verify` found wrong with its bounds and culls. false_culls : patches dropped by a back-patch test that is right for
-    the smooth surface, of which a coarse triangle would have been visible.
+    the smooth surface, of which a coarse triangle would have been visible. blame : of a machine with `blame`.
     """
 
     scene: str
@@ -55,6 +56,7 @@ class Frame:
     seconds: float = field(compare=False)
     violations: tuple["Violation", ...] = ()
     false_culls: tuple["Violation", ...] = ()
+    blame: "Blame | None" = None
 
     @property
     def depth(self) -> F32:
@@ -74,9 +76,7 @@ class Frame:
         """
         from PIL import Image
 
-        if name not in self.tiles:
-            raise TilerError(f"heatmap: {name!r} is not a per-tile counter; {unknown_name(name, self.tiles)}")
-        values = self.tiles[name].astype(np.float64)
+        values = self.tile_map(name).astype(np.float64)
         top = float(values.max()) if scale is None else float(scale)
         place = np.clip(values / top if top > 0 else values * 0.0, 0.0, 1.0) * (len(RAMP) - 1)
         low = np.minimum(place.astype(int), len(RAMP) - 2)
@@ -85,6 +85,16 @@ class Frame:
         rgb = rgb.repeat(self.machine.tile, axis=0).repeat(self.machine.tile, axis=1)
         height, width = self.depth.shape
         return Image.fromarray(np.ascontiguousarray(rgb[:height, :width]))
+
+    def tile_map(self, name: str) -> I64:
+        """A per-tile counter, or `wasted_domain_points` of a machine with `blame`, int64[tiles_y, tiles_x]."""
+        if name == "wasted_domain_points":
+            if self.blame is None:
+                raise TilerError(f"heatmap: {name!r} is not known of this machine; allowed: one with blame=True")
+            return self.blame.wasted_domain_points
+        if name not in self.tiles:
+            raise TilerError(f"heatmap: {name!r} is not a per-tile counter; {unknown_name(name, self.tiles)}")
+        return self.tiles[name]
 
     def __repr__(self) -> str:
         height, width = self.depth.shape

@@ -213,6 +213,7 @@ TILE_MAPS: dict[str, Callable[["Frame"], I64]] = {
     "queue_bytes": lambda frame: frame.queues.memory.tile_bytes,
     "queue_passes": lambda frame: frame.queues.memory.tile_passes,
     "wasted_samples": wasted_samples,
+    "wasted_domain_points": lambda frame: frame.tile_map("wasted_domain_points"),
 }
 
 

@@ -3,14 +3,19 @@
 import time
 from collections.abc import Callable
 
+import numpy as np
+
 from pipeline import hull
 from pipeline.bounds import BOUNDS
 from pipeline.tessellator import make_patterns
 from pipeline.types import I32, I64, Viewport
 from tiler import back_end, front_end, verify
 from tiler.back_end import NO_ORDER
+from tiler.blame import Witness
+from tiler.blame_watch import Watch
 from tiler.coarse_z import build
 from tiler.config import Machine
+from tiler.domain_cache import vertex_misses
 from tiler.frame import Frame
 from tiler.front_end import Geometry
 from tiler.grid import make_grid
@@ -33,7 +38,15 @@ def render_frame(scene: Scene, machine: Machine, number: float, host: Host, prog
     history = last_frame(scene, machine, number, host) if machine.phased else None
     tally = Tally(scene, machine, make_grid(scene.picture.width, scene.picture.height, machine.tile))
     memory = make_queue_memory(machine, tally.grid, scene.picture.samples)
-    target = draw_frame(scene, machine, number, host, history, tally, memory, progress)
+    witness = None
+    if machine.blame:
+        watch = Watch(
+            tally.grid, scene.picture.samples, machine.coarse_z_block, machine.binning != "triangle", machine.reordered
+        )
+        witness = Witness(watch, machine.binning, tally.walk)
+    target = draw_frame(
+        scene, machine, number, host, history, tally, memory, progress, keep_order=machine.blame, witness=witness
+    )
     queues = memory.report()
     seconds = time.perf_counter() - start
     report = verify.Report((), ())
@@ -52,6 +65,7 @@ def render_frame(scene: Scene, machine: Machine, number: float, host: Host, prog
         seconds=seconds,
         violations=report.violations,
         false_culls=report.false_culls,
+        blame=witness.blame if witness else None,
     )
 
 
@@ -77,10 +91,12 @@ def draw_frame(
     memory: QueueMemory,
     progress: Callable[[float], None],
     keep_order: bool = False,
+    witness: Witness | None = None,
 ) -> Target:
     """Draw a frame, stage by stage, and count in `tally` and `memory`.
 
     history : for a machine that draws in two phases. keep_order : keep the submit number of what each sample shows.
+    witness : notes what blame needs; then submit numbers must be kept.
     """
     width, height = scene.picture.width, scene.picture.height
     camera = camera_at(scene.camera, number, width / height)
@@ -129,6 +145,8 @@ def draw_frame(
             order = _submit_numbers(batch, units, geometry, target)
             bins = back_end.bin_batch(batch, geometry, units.bounds, machine, grid, scene.picture.samples, host)
             tally.count_batch(units, batch, geometry, bins.queue)
+            if witness:
+                witness.note_front_end(batch, geometry)
             items = describe_items(machine.binning, units.owner[batch], geometry.triangles, len(geometry.window.x))
             passes = back_end.cut_bins(bins, memory.append(bins.queue, items))
             for k, part in enumerate(passes):
@@ -136,10 +154,22 @@ def draw_frame(
                     part, batch, geometry, order, units.bounds, rules, scene, grid, target, coarse, tally.tiles,
                     phase == b == k == 0, last_phase and b == len(batches) - 1 and k == len(passes) - 1, host,
                 )  # fmt: skip
-                tally.count_entries(batch, part.queue, outcome, memory.passes - (len(passes) - 1 - k))
+                number_of_pass = memory.passes - (len(passes) - 1 - k)
+                tally.count_entries(batch, part.queue, outcome, number_of_pass)
+                if witness:
+                    tested = rules.pairs or _tests_first(machine)
+                    witness.watch.draw(number_of_pass, part, batch, units, geometry, order, tested, host)
             progress((b + 1) / len(batches) if last_phase else 0.5 * (b + 1) / len(batches))
     tally.count_units(units, tests)
+    if witness:
+        misses = vertex_misses(units.patterns, machine.vertex_cache)
+        witness.testify(units, patterns, tally.shaded, np.append(misses, 0)[units.patterns.of_patch])
     return target
+
+
+def _tests_first(machine: Machine) -> bool:
+    """Whether units of the first phase were tested too, against the last frame's pyramid."""
+    return machine.z_feedback == "previous_frame" and "occlusion" in machine.occlusion
 
 
 def _submit_numbers(batch: I32, units: Units, geometry: Geometry, target: Target) -> I64:

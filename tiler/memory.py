@@ -3,7 +3,11 @@
 import os
 from pathlib import Path
 
+from tiler.config import Machine
 from tiler.errors import TilerError
+from tiler.host import CHUNKS_PER_THREAD
+from tiler.scene.model import Picture
+from tiler.tile import NUM_TILE_COUNTS
 
 
 def available_bytes() -> int:
@@ -23,12 +27,35 @@ def available_bytes() -> int:
     return max(0, min(free))
 
 
-def check_picture(width: int, height: int, samples: int) -> None:
-    """Raise TilerError if the render target of such a picture does not fit into the memory available."""
-    pixel = samples * (4 + 4 + 4) + (4 if samples > 1 else 0)  # depth, visible triangle, colour; the resolved colour
-    needed, available = width * height * pixel, available_bytes()
+def picture_bytes(picture: Picture, machine: Machine, threads: int) -> int:
+    """Bytes of all arrays of a frame whose size follows from the picture: targets, pyramids, tables of the tiles."""
+    samples = picture.width * picture.height * picture.samples
+    per_sample = 4 + 4 + 4  # depth, visible triangle, colour
+    if machine.reordered or machine.blame:
+        per_sample += 8  # submit number
+    if machine.phased:
+        per_sample += 4  # depth of the last frame; the rest of its target is gone when this frame's is made
+    if machine.blame:
+        per_sample += 4 + 8  # depth and submit number of the second drawing
+    total = samples * per_sample
+    if picture.samples > 1:
+        total += picture.width * picture.height * 4  # the resolved colour
+    if machine.occlusion:
+        block = machine.coarse_z_block
+        blocks = -(-picture.width // block) * -(-picture.height // block)
+        total += (
+            (2 if machine.phased else 1) * 8 * -(-4 * blocks // 3)
+        )  # farthest and nearest; a third of it for upper levels
+    tiles = -(-picture.width // machine.tile) * -(-picture.height // machine.tile)
+    columns = 2 * NUM_TILE_COUNTS + 3 * CHUNKS_PER_THREAD * threads  # counters and their maps; the places of binning
+    return total + tiles * 8 * columns
+
+
+def check_picture(picture: Picture, machine: Machine, threads: int) -> None:
+    """Raise TilerError if what a frame of such a picture takes on this machine does not fit into the memory available."""
+    needed, available = picture_bytes(picture, machine, threads), available_bytes()
     if needed > available:
         raise TilerError(
-            f"picture: {width} x {height} with {samples} sample(s) takes {needed / 1e9:.1f} GB; "
-            f"allowed: what fits into the {available / 1e9:.1f} GB available"
+            f"picture: {picture.width} x {picture.height} with {picture.samples} sample(s), in tiles of {machine.tile}, "
+            f"takes {needed / 1e9:.1f} GB; allowed: what fits into the {available / 1e9:.1f} GB available"
         )

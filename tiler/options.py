@@ -78,6 +78,8 @@ class MachineOptions:
     "What happens where the queues' memory is full."
     verify: bool | None = None
     "Check every bound and every cull against all patches, shaded, and the picture without culls."
+    blame: bool | None = None
+    "Say why each wasted domain-shader invocation was not avoided, and what perfect knowledge would have needed."
 
 
 def open_scene(source: str, options: SceneOptions) -> Scene:

@@ -46,4 +46,4 @@ def check_request(scene: Scene, machine: Machine, threads: int, frame: float = 0
         raise TilerError(f"threads: {threads!r} is not allowed; allowed: 1 to 1024")
     if not isinstance(frame, Real) or not math.isfinite(frame):
         raise TilerError(f"frame: {frame!r} is not allowed; allowed: a finite number")
-    check_picture(scene.picture.width, scene.picture.height, scene.picture.samples)
+    check_picture(scene.picture, machine, threads)

@@ -78,6 +78,7 @@ class Tally:
         self.grid = grid
         self.walk = walk_tiles(grid, machine.tile_walk)
         self.events: list[Events] = []
+        self.shaded: U8 = np.zeros(0, np.uint8)  # 1 for each queue entry, by `events`, whose unit its tile shaded
         self.queued: U8 = np.zeros(0, np.uint8)  # patches queued anywhere
         self.tiles: I64 = np.zeros((grid.num_tiles, NUM_TILE_COUNTS), np.int64)
         self.outcomes: I64 = np.zeros(NUM_OUTCOMES, np.int64)  # of the front end: each patch once
@@ -164,7 +165,7 @@ class Tally:
             self._add_bytes(0, 0, 0, self.values["bin_patches"], 0)
         if self.machine.binning != "triangle":
             points = num_domain_points(units, np.arange(len(units.owner), dtype=np.int32))
-            replay_shading(
+            self.shaded = replay_shading(
                 self.events, points, self.walk, self.machine.cores, self.machine.domain_cache, self.tiles
             )  # fmt: skip
         self.values |= {

@@ -1,0 +1,188 @@
+"""A second drawing of the frame beside the first, for blame: what each queue entry covered, and what hid it when it came.
+
+The tile loop counts what the machine does; why a tile's work was for nothing it need not know. Where blame is asked for, each
+pass is drawn once more here, into depths and submit numbers of its own, entry by entry and sample by sample: an entry that
+coarse Z hid is drawn too, which changes nothing. Of an entry that passes no sample it is asked what a better test would have
+said at that moment, of depths that are no older than the moment.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.jit import helper, kernel
+from pipeline.types import F32, I32, I64, U8
+from tiler.back_end import Bins
+from tiler.coarse_z import hides
+from tiler.front_end import Geometry
+from tiler.grid import Grid
+from tiler.host import Host
+from tiler.rasterizer import SAMPLE_X, SAMPLE_Y
+from tiler.units import Units
+
+# Bits of what is noted of an entry.
+COVERED = 1  # it covers a sample of the tile
+PASSED = 2  # a sample of it passed the depth test
+FRESH = 4  # none did, and its own bound is behind all depths of the blocks that its rectangle touches
+TRUE = 8  # none did, and so are the box and the nearest vertex of its triangles in the tile
+TESTED = 16  # the machine tested it, or its unit, against a pyramid
+
+
+class Film(NamedTuple):
+    """What the second drawing shows."""
+
+    depth: F32  # (H, W, S)
+    order: I64  # (H, W, S) submit number of what is seen, -1 for none
+
+
+@helper
+def _edge(window, a, b):
+    """dx, dy, and the value of the edge function at (0, 0), lowered by 1 where samples on the edge are outside."""
+    x0, y0 = np.int64(window.x[a]), np.int64(window.y[a])
+    dx, dy = np.int64(window.x[b]) - x0, np.int64(window.y[b]) - y0
+    top_left = dy < 0 or (dy == 0 and dx > 0)
+    return dx, dy, dy * x0 - dx * y0, 0 if top_left else -1
+
+
+@helper
+def _draw(t, box, triangles, window, order, sample_x, sample_y, film):
+    """Draw triangle t into pixels `box`, inclusive; bits COVERED and PASSED."""
+    a, b, c = triangles.vertex[t, 0], triangles.vertex[t, 1], triangles.vertex[t, 2]
+    dx0, dy0, c0, b0 = _edge(window, b, c)
+    dx1, dy1, c1, b1 = _edge(window, c, a)
+    dx2, dy2, c2, b2 = _edge(window, a, b)
+    area = np.float64(c0 + dx0 * window.y[a] - dy0 * window.x[a])
+    z0, z1, z2 = window.z[a], window.z[b], window.z[c]
+    base, step1, step2 = np.float64(z0), np.float64(z1) - np.float64(z0), np.float64(z2) - np.float64(z0)
+    lo, hi = min(z0, z1, z2), max(z0, z1, z2)
+    one, zero = np.float32(1.0), np.float32(0.0)
+    bits = 0
+    for y in range(box[1], box[3] + 1):
+        for x in range(box[0], box[2] + 1):
+            for s in range(len(sample_x)):
+                px, py = (x << 8) + 128 + sample_x[s], (y << 8) + 128 + sample_y[s]
+                e0 = c0 + dx0 * py - dy0 * px
+                e1 = c1 + dx1 * py - dy1 * px
+                e2 = c2 + dx2 * py - dy2 * px
+                if ((e0 + b0) | (e1 + b1) | (e2 + b2)) < 0:
+                    continue
+                bits |= COVERED
+                z = np.float32(base + (np.float64(e1) * step1 + np.float64(e2) * step2) / area)
+                z = min(max(min(max(z, lo), hi), zero), one)
+                d = film.depth[y, x, s]
+                if z < d or (z == d and order[t] < film.order[y, x, s]):
+                    film.depth[y, x, s], film.order[y, x, s] = z, order[t]
+                    bits |= PASSED
+    return bits
+
+
+@helper
+def _behind(box, rect, z, strict, block_log2, film):
+    """Whether z is hidden by the farthest depth, as it is now, of each block of the tile that `box` touches."""
+    for by in range(box[1] >> block_log2, (box[3] >> block_log2) + 1):
+        for bx in range(box[0] >> block_log2, (box[2] >> block_log2) + 1):
+            far = np.float32(0.0)
+            for y in range(by << block_log2, min(((by + 1) << block_log2) - 1, rect[3]) + 1):
+                for x in range(bx << block_log2, min(((bx + 1) << block_log2) - 1, rect[2]) + 1):
+                    for s in range(film.depth.shape[2]):
+                        far = max(far, film.depth[y, x, s])
+            if not hides(far, z, strict):
+                return False
+    return True
+
+
+@helper
+def _clip(box, rect):
+    return (
+        max(np.int64(box[0]), rect[0]), max(np.int64(box[1]), rect[1]),
+        min(np.int64(box[2]), rect[2]), min(np.int64(box[3]), rect[3]),
+    )  # fmt: skip
+
+
+@kernel
+def _watch(
+    begin, end, grid, by_unit, strict, block_log2, queue, triangle_queue, units, rect_of, z_min, triangles, order, window,
+    sample_x, sample_y, film, bits,
+):  # fmt: skip
+    for tile in range(begin, end):
+        x0, y0 = (tile % grid.tiles_x) << grid.tile_log2, (tile // grid.tiles_x) << grid.tile_log2
+        side = 1 << grid.tile_log2
+        rect = (x0, y0, min(x0 + side, grid.width) - 1, min(y0 + side, grid.height) - 1)
+        place, last = triangle_queue.first[tile], triangle_queue.first[tile + 1]
+        for q in range(queue.first[tile], queue.first[tile + 1]):
+            if not by_unit:
+                t = queue.item[q]
+                bits[q] = _draw(t, _clip(triangles.box[t], rect), triangles, window, order, sample_x, sample_y, film)
+                continue
+            k = queue.item[q]
+            while place < last and triangle_queue.item[place] < triangles.first[k]:
+                place += 1
+            found, nearest = 0, np.float32(1.0)
+            left, top, right, bottom = rect[2], rect[3], rect[0], rect[1]
+            while place < last and triangle_queue.item[place] < triangles.first[k + 1]:
+                t = triangle_queue.item[place]
+                place += 1
+                box = _clip(triangles.box[t], rect)
+                found |= _draw(t, box, triangles, window, order, sample_x, sample_y, film)
+                left, top, right, bottom = min(left, box[0]), min(top, box[1]), max(right, box[2]), max(bottom, box[3])
+                for c in range(3):
+                    nearest = min(nearest, max(window.z[triangles.vertex[t, c]], np.float32(0.0)))
+            if found == COVERED:  # nothing was written, so the depths are those from before
+                r = rect_of[units[k]]
+                box = _clip((r[0], r[1], r[2] - 1, r[3] - 1), rect)
+                if _behind(box, rect, z_min[units[k]], strict, block_log2, film):
+                    found |= FRESH
+                if _behind((left, top, right, bottom), rect, nearest, strict, block_log2, film):
+                    found |= TRUE
+            bits[q] = found
+
+
+class Watched(NamedTuple):
+    """A pass of a batch. `unit`: number of the unit, or the patch of the triangle, of each entry; `bits`: as above."""
+
+    number: int
+    first: I64  # (tiles+1,)
+    unit: I64  # (entries,)
+    bits: U8  # (entries,)
+
+
+class Watch:
+    """The second drawing, pass by pass."""
+
+    def __init__(self, grid: Grid, samples: int, block: int, by_unit: bool, strict: bool) -> None:
+        """block : side of coarse Z's blocks, pixels. strict : coarse Z hides only what is strictly farther."""
+        shape = (grid.height, grid.width, samples)
+        self.film = Film(np.ones(shape, np.float32), np.full(shape, -1, np.int64))
+        self.grid, self.samples, self.block_log2 = grid, samples, block.bit_length() - 1
+        self.by_unit, self.strict = by_unit, strict
+        self.passes: list[Watched] = []
+
+    def draw(
+        self,
+        number: int,
+        bins: Bins,
+        batch: I32,
+        units: Units,
+        geometry: Geometry,
+        order: I64,
+        tested: bool,
+        host: Host,
+    ) -> None:
+        """Draw pass `number` of a batch of units. order : int64[T]. tested : its units were tested against coarse Z."""
+        bits = np.zeros(len(bins.queue.item), np.uint8)
+        chunks = host.chunks(self.grid.num_tiles)
+        sample_x, sample_y = SAMPLE_X[self.samples], SAMPLE_Y[self.samples]
+
+        def work(c: int) -> None:
+            _watch(
+                *chunks[c], self.grid, self.by_unit, self.strict, self.block_log2, bins.queue, bins.triangles, batch,
+                units.bounds.rect, units.bounds.z_min, geometry.triangles, order, geometry.window, sample_x, sample_y,
+                self.film, bits,
+            )  # fmt: skip
+
+        host.run(work, len(chunks))
+        item = bins.queue.item
+        unit = batch[item] if self.by_unit else geometry.triangles.patch[item]
+        if tested:
+            bits |= TESTED
+        self.passes.append(Watched(number, bins.queue.first, unit.astype(np.int64), bits))
