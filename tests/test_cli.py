@@ -46,7 +46,9 @@ def test_render_leaves_picture_depth_and_counters(tmp_path: Path) -> None:
     }  # fmt: skip
     assert Image.open(out / "color.png").size == (96, 64)
     assert np.load(out / "depth.npy", allow_pickle=False).shape == (64, 96)
-    frame = json.loads((out / "counters.json").read_text())["frames"][0]
+    result = json.loads((out / "counters.json").read_text())
+    assert result["provenance"]["version"] and result["provenance"]["numba"] != "unknown"
+    frame = result["frames"][0]
     assert frame["counters"]["ia_primitives"] == 32
     for name in DEFINITIONS:
         assert name in done.stdout

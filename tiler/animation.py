@@ -20,6 +20,7 @@ from tiler.files import make_folder, write_json, write_npy, write_png
 from tiler.frame import Frame
 from tiler.heatmaps import heatmap_picture
 from tiler.host import available_threads
+from tiler.provenance import provenance
 from tiler.queue_models import load_queue_model
 from tiler.scene.model import Scene
 from tiler.simulation import check_request, simulate
@@ -81,7 +82,8 @@ def render_to_folder(
     """Draw the frames into `folder`; their records, in order.
 
     One frame gives color.png, depth.npy and counters.json; several give color_0007.png and so on, and one counters.json
-    with all their records at the end. progress : called with the number of frames done.
+    with all their records at the end. That one also says where they come from: versions, commit, processor.
+    progress : called with the number of frames done.
     """
     threads = available_threads() if threads is None else threads
     check_request(scene, machine, threads)  # before anything is left in the folder
@@ -104,7 +106,7 @@ def render_to_folder(
                 write_json(ledger, {"key": key} | record)
         records.append(record)
         progress(done + 1)
-    write_json(folder / "counters.json", render_result(scene, machine, records))
+    write_json(folder / "counters.json", render_result(scene, machine, records) | {"provenance": provenance()})
     return records
 
 

@@ -25,7 +25,7 @@ def simulate(
 
     scene : what `tiler.load_scene` gives. machine : `tiler.Machine()` by default. frame : place on the camera path, in
     frames. threads : host threads, all by default; they change the time taken and nothing else. progress : called with
-    the part that is done, 0 to 1, some ten times; an exception that it raises ends the simulation.
+    the part that is done, 0 to 1, after each batch of patches; an exception that it raises ends the simulation.
 
     Raises TilerError if an argument is not allowed or the picture does not fit into memory.
     """

@@ -4,7 +4,6 @@ import importlib.metadata
 import os
 import platform
 import time
-from pathlib import Path
 from typing import Any
 
 SPIN_STEPS = 30_000
@@ -28,24 +27,14 @@ def host_facts(threads: int) -> dict[str, Any]:
     """Facts of this computer and installation; `threads` is what the measurements use at most."""
     import tiler
     from tiler.host import available_threads
+    from tiler.provenance import cpu_model
 
     versions = {"tilesim": tiler.__version__, "python": platform.python_version()}
     versions |= {name: importlib.metadata.version(name) for name in SHOWN}
     return {
-        "processor": _processor(),
+        "processor": cpu_model(),
         "system": f"{platform.system()} {platform.machine()}",
         "processors": available_threads(),
         "threads": threads,
         "versions": versions,
     }
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        lines = []
-    fields = dict(line.split(":", 1) for line in reversed(lines) if ":" in line)
-    found = {key.strip(): value.strip() for key, value in fields.items()}
-    name = found.get("model name", platform.processor() or "unknown")
-    return f"{name}, family {found['cpu family']} model {found['model']}" if "cpu family" in found else name

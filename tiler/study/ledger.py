@@ -18,8 +18,8 @@ from typing import Any, NamedTuple, Self
 
 from tiler.counters import DEFINITIONS
 from tiler.errors import TilerError
+from tiler.provenance import provenance
 from tiler.study.plan import Plan, row_key
-from tiler.study.provenance import provenance
 from tiler.study.rows import Result, sources
 
 FORMAT = "tiler study 1"

@@ -9,7 +9,7 @@ from pathlib import Path
 from tiler import __version__
 from tiler.host import available_threads
 
-ROOT = Path(__file__).resolve().parent.parent.parent
+ROOT = Path(__file__).resolve().parent.parent
 
 
 def provenance() -> dict[str, str]:
