@@ -56,6 +56,5 @@ def test_readme_runs_the_test_command_that_ci_runs() -> None:
     commands = re.findall(r"```\n(.*?)\n```", (ROOT / "README.md").read_text(), re.S)
     install, test = commands[0], commands[1]
     ci = (ROOT / ".ci" / "run").read_text()
-    assert "pip install -e '.[dev]'" in install
-    assert re.search(r"pip install .*-e '\.\[dev\]'", ci)
+    assert "pip install -e ." in install
     assert f"\n{test}\n" in ci
