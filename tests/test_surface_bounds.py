@@ -8,7 +8,6 @@ import pytest
 import tiler
 from pipeline import hull
 from pipeline.bounds import BOUNDS
-from pipeline.bounds.fit import fit_boxes
 from pipeline.bounds.normals import NPATCH, bound_normals
 from pipeline.culling import CULL_TESTS, classify
 from pipeline.culling.backface import MOST_SLACK
@@ -134,10 +133,9 @@ def test_bounds_of_normals_are_wider_by_the_slack_on_edges_only(basis):
     domains = np.tile([[0, 1, 0, 1], [0.25, 0.5, 0.5, 0.75], [0, 0.5, 0.25, 0.5], [0.5, 0.75, 0.5, 1]], (n, 1))
     many = patches.take(rows)
     stage = stage_of(many, [bumps()], domains)
-    boxes = fit_boxes(stage)
-    wide = bound_normals(stage, boxes, NPATCH)[:, : 4 * n]
+    wide = bound_normals(stage, NPATCH)[1][:, : 4 * n]
     alone = many._replace(normal_slack=np.zeros(4 * n, np.float32))
-    own = bound_normals(stage._replace(patches=alone), boxes, NPATCH)[:, : 4 * n]
+    own = bound_normals(stage._replace(patches=alone), NPATCH)[1][:, : 4 * n]
     s = many.normal_slack.astype(np.float64)
     assert (s > 0.1).any() and (s < 1e-4).any()
     s = np.where(np.arange(4 * n) % 4 == 1, 0.0, s)
