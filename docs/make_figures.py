@@ -50,9 +50,10 @@ def strip(images: list[Image.Image], columns: int) -> Image.Image:
 
 
 def scenes_picture() -> Image.Image:
-    """The four built-in scenes."""
-    names = ("teapot", "waves", "spikelog", "colonnade")
-    return strip([tiler.simulate(tiler.load_scene(name, size=SIZE, samples=4)).image() for name in names], 2)
+    """The built-in scenes."""
+    frames = (("teapot", 0), ("waves", 0), ("spikelog", 0), ("colonnade", 0), ("creature", 20), ("creature", 84))
+    scenes = [(tiler.load_scene(name, size=SIZE, samples=4), number) for name, number in frames]
+    return strip([tiler.simulate(scene, frame=number).image() for scene, number in scenes], 2)
 
 
 def shadings_picture() -> Image.Image:
