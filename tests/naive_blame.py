@@ -170,7 +170,7 @@ class Judge:
         if not event.tested:
             return "occluded_untested"
         m.tile = tile
-        if self.hidden(event, m.clipped(unit.rect), unit.bound.z_min[0]):
+        if self.hidden(event, m.clipped(unit.rect), m.nearest(unit)):
             return "occluded_stale"
         boxes = [m.clipped(t.shape.box) for t in event.drawn]
         around = (

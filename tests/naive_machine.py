@@ -36,6 +36,7 @@ from pipeline.types import (
 from pipeline.vertex import make_patches
 from tests.naive import SAMPLE_OFFSETS
 from tests.naive_coarse_z import NaiveCoarseZ
+from tests.naive_near_planes import naive_nearest
 from tests.naive_primitives import NaiveTriangle, naive_assemble, twice_area
 from tests.naive_queue_memory import NaiveQueueMemory
 from tiler.config import Machine
@@ -434,6 +435,10 @@ class NaiveMachine:
         x0, y0, x1, y1 = box
         return max(x0, columns[0]), max(y0, rows[0]), min(x1, columns[-1]), min(y1, rows[-1])
 
+    def nearest(self, unit: Unit) -> np.float32:
+        """Least depth of a unit's bound in the tile at hand."""
+        return naive_nearest(unit.bound, self.viewport, self.clipped(unit.rect))
+
     def hidden(self, box: tuple[int, int, int, int], z: np.float32, largest: int) -> bool:
         """Test against the pyramid, cells of at most `largest` pixels; counted."""
         level, cells = self.coarse.hidden_at(box, z, self.strict, largest)
@@ -677,7 +682,7 @@ class NaiveMachine:
                 self.count("queue_entries")
                 if "occlusion" in self.tests:
                     self.count("cz_pairs_tested")
-                    if self.hidden(self.clipped(unit.rect), unit.bound.z_min[0], self.machine.tile):
+                    if self.hidden(self.clipped(unit.rect), self.nearest(unit), self.machine.tile):
                         self.count("cz_pairs_occluded")
                         continue
                 written: set = set()

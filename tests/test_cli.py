@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tiler import cli, validation
 from tiler.animation import render_to_folder
 from tiler.config import Machine
 from tiler.counters import DEFINITIONS
@@ -224,3 +225,19 @@ def test_doctor_and_version(tmp_path: Path) -> None:
     assert "numba" in done.stdout
     assert "scenes" in done.stdout
     assert tiler("--version", cwd=tmp_path).stdout.strip()
+
+
+def test_validate_bounds_gets_its_samples(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """`--samples` of `validate` are shaded points, not those of a pixel."""
+    asked = []
+
+    def check(samples: int, **options: object) -> dict[str, object]:
+        asked.append((samples, options["seed"], options["names"]))
+        return {"what": "bounds", "cases": 0, "failed": 0, "details": []}
+
+    monkeypatch.setattr(validation, "validate_bounds", check)
+    cli.app(
+        ["validate", "bounds", "--samples", "40000000", "--seed", "7", "--bounds", "cbox", "-q"],
+        result_action="return_value",
+    )
+    assert asked == [(40_000_000, 7, ["cbox"])]

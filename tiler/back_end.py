@@ -6,13 +6,14 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline import pixel
-from pipeline.types import I32, I64, U8, PatchBounds
+from pipeline.types import I32, I64, U8, PatchBounds, Viewport
 from tiler.binning import TileQueues, bin_boxes
 from tiler.coarse_z import CoarseZ, depth_rows, make_pyramid
 from tiler.config import Machine
 from tiler.front_end import Geometry
 from tiler.grid import Grid
 from tiler.host import Host
+from tiler.near_planes import planes_under
 from tiler.overlap import bin_hulls, bin_triangles
 from tiler.rasterizer import MARGIN, SAMPLE_X, SAMPLE_Y
 from tiler.scene.model import Picture, Scene
@@ -125,7 +126,9 @@ def run_tiles(
     Returns what became of each queue entry, uint8: 1 where coarse Z hid a unit, else 0.
     """
     picture = scene.picture
-    work = Work(bounds.rect[live], bounds.z_min[live], geometry.outcomes)
+    viewport = Viewport(0, 0, grid.width, grid.height, 0.0, 1.0)
+    planes = planes_under(live if rules.pairs and rules.by_unit else live[:0], bounds, viewport)
+    work = Work(bounds.rect[live], bounds.z_min[live], planes, geometry.outcomes)
     pattern = (SAMPLE_X[picture.samples], SAMPLE_Y[picture.samples], MARGIN[picture.samples])
     depth_range = (np.float32(0.0), np.float32(1.0))
     background = np.array([*picture.background, 255], np.uint8)

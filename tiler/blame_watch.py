@@ -11,12 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.jit import helper, kernel
-from pipeline.types import F32, I32, I64, U8
+from pipeline.types import F32, I32, I64, U8, Viewport
 from tiler.back_end import Bins
 from tiler.coarse_z import hides
 from tiler.front_end import Geometry
 from tiler.grid import Grid
 from tiler.host import Host
+from tiler.near_planes import nearest_in, planes_under
 from tiler.rasterizer import SAMPLE_X, SAMPLE_Y
 from tiler.units import Units
 
@@ -101,8 +102,8 @@ def _clip(box, rect):
 
 @kernel
 def _watch(
-    begin, end, grid, by_unit, strict, block_log2, queue, triangle_queue, units, rect_of, z_min, triangles, order, window,
-    sample_x, sample_y, film, bits,
+    begin, end, grid, by_unit, strict, block_log2, queue, triangle_queue, units, rect_of, z_min, planes, triangles, order,
+    window, sample_x, sample_y, film, bits,
 ):  # fmt: skip
     for tile in range(begin, end):
         x0, y0 = (tile % grid.tiles_x) << grid.tile_log2, (tile // grid.tiles_x) << grid.tile_log2
@@ -130,7 +131,8 @@ def _watch(
             if found == COVERED:  # nothing was written, so the depths are those from before
                 r = rect_of[units[k]]
                 box = _clip((r[0], r[1], r[2] - 1, r[3] - 1), rect)
-                if _behind(box, rect, z_min[units[k]], strict, block_log2, film):
+                bound = nearest_in(planes[k], z_min[units[k]], box[0], box[1], box[2], box[3])
+                if _behind(box, rect, bound, strict, block_log2, film):
                     found |= FRESH
                 if _behind((left, top, right, bottom), rect, nearest, strict, block_log2, film):
                     found |= TRUE
@@ -173,11 +175,14 @@ class Watch:
         chunks = host.chunks(self.grid.num_tiles)
         sample_x, sample_y = SAMPLE_X[self.samples], SAMPLE_Y[self.samples]
 
+        viewport = Viewport(0, 0, self.grid.width, self.grid.height, 0.0, 1.0)
+        planes = planes_under(batch if self.by_unit else batch[:0], units.bounds, viewport)
+
         def work(c: int) -> None:
             _watch(
                 *chunks[c], self.grid, self.by_unit, self.strict, self.block_log2, bins.queue, bins.triangles, batch,
-                units.bounds.rect, units.bounds.z_min, geometry.triangles, order, geometry.window, sample_x, sample_y,
-                self.film, bits,
+                units.bounds.rect, units.bounds.z_min, planes, geometry.triangles, order, geometry.window, sample_x,
+                sample_y, self.film, bits,
             )  # fmt: skip
 
         host.run(work, len(chunks))

@@ -347,7 +347,10 @@ def validate(
     what: Literal["bounds", "tessellator", "limit", "watertight"],
     scene: str | None = None,
     *,
-    scene_options: SceneOptions | None = None,
+    factor: str | None = None,
+    edge_pixels: float | None = None,
+    partitioning: Literal["integer", "pow2", "fractional_odd", "fractional_even"] | None = None,
+    displacement: str | None = None,
     frame: float = 0,
     samples: int = 10_000_000,
     seed: int = 0,
@@ -371,8 +374,16 @@ def validate(
         violation. tessellator: points and indices of every case in a file, bit for bit. limit: positions and normals of
         subdivision patches against limit positions in a file. watertight: both sides of every edge of a scene, bit for bit.
     scene
-        A name that `tiler scenes` lists, or the path of a scene file or model (watertight); by its options --factor,
-        --edge-pixels and --partitioning, or else at several factors in every partitioning.
+        A name that `tiler scenes` lists, or the path of a scene file or model (watertight); without the next three options
+        at several factors in every partitioning.
+    factor
+        Tessellation factor, or six: edges u=0, v=0, u=1, v=1, then inside u, v (watertight).
+    edge_pixels
+        Wished length of an edge's segments on the screen in pixels, instead of a fixed factor (watertight).
+    partitioning
+        How factors become segments (watertight).
+    displacement
+        Displacement map of a model file, as for `tiler render` (watertight).
     frame
         Which frame of the scene (watertight).
     samples
@@ -399,11 +410,11 @@ def validate(
             raise TilerError(
                 "scene: missing; allowed: a name that `tiler scenes` lists, or the path of a scene or model"
             )
-        options = scene_options or SceneOptions()
-        opened = open_scene(scene, options)
-        settings = validation.settings_of(
-            opened, any(x is not None for x in (options.factor, options.edge_pixels, options.partitioning))
+        chosen = SceneOptions(
+            factor=factor, edge_pixels=edge_pixels, partitioning=partitioning, displacement=displacement
         )
+        opened = open_scene(scene, chosen)
+        settings = validation.settings_of(opened, any(x is not None for x in (factor, edge_pixels, partitioning)))
         with Progress(f"looking for cracks in {opened.name}", len(settings), quiet) as bar:
             result = validation.validate_watertight(
                 opened, settings, number=frame, threads=threads, progress=bar.update

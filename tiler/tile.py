@@ -20,8 +20,9 @@ import numpy as np
 from pipeline.jit import helper, inlined, kernel
 from pipeline.pixel import Shade
 from pipeline.primitives import NUM_OUTCOMES
-from pipeline.types import F32, I32, I64, U8
+from pipeline.types import F32, F64, I32, I64, U8
 from tiler.coarse_z import hidden_at, hides, propagate, recompute_block
+from tiler.near_planes import nearest_in
 from tiler.rasterizer import IN_LOOP, depth_limits, fill_small, rasterize
 from tiler.shading import shade_tile
 
@@ -101,6 +102,7 @@ class Work(NamedTuple):
 
     rect: I32  # (live, 4) pixels x0 y0 x1 y1, ends exclusive
     z_min: F32  # (live,)
+    planes: F64  # (live, near_planes.MOST, 3) planes under its bound
     outcomes: I64  # (live, NUM_OUTCOMES) what its clipping and set-up gives, for replay in every tile that works on it
 
 
@@ -257,7 +259,8 @@ def _begin_unit(k, q, rect, rules, work, triangles, coarse, outcome, counts):
         r = work.rect[k]
         box = (max(r[0], rect[0]), max(r[1], rect[1]), min(r[2] - 1, rect[2]), min(r[3] - 1, rect[3]))
         counts[_PAIRS] += 1
-        if _hidden(box, work.z_min[k], rules, coarse, counts):
+        nearest = nearest_in(work.planes[k], work.z_min[k], box[0], box[1], box[2], box[3])
+        if _hidden(box, nearest, rules, coarse, counts):
             counts[_PAIRS_HIDDEN] += 1
             outcome[q] = 1
             return True
