@@ -65,6 +65,25 @@ def test_json_on_standard_output_is_one_object_and_nothing_else(tmp_path: Path) 
     assert result["frames"][0]["counters"].keys() == DEFINITIONS.keys()
 
 
+def test_counters_prints_every_definition(tmp_path: Path) -> None:
+    told = json.loads(tiler("counters", "--json", "-", cwd=tmp_path).stdout)["counters"]
+    assert [row["name"] for row in told] == list(DEFINITIONS)
+    assert all(row["unit"] and row["stage"] and row["text"] for row in told)
+    lines = tiler("counters", cwd=tmp_path).stdout.splitlines()
+    assert len(lines) == len(DEFINITIONS)
+    assert any(line.startswith("ds_invocations ") and "D3D11 DSInvocations" in line for line in lines)
+
+
+def test_a_reader_that_has_enough_is_no_error(tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-m", "tiler", "counters"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as child:
+        assert child.stdout
+        child.stdout.close()  # long before the interpreter has started
+        assert child.wait(timeout=60) == 141
+        assert child.stderr and child.stderr.read() == b""
+
+
 def test_json_to_a_file_keeps_the_table(tmp_path: Path) -> None:
     done = tiler("render", "teapot", *SMALL, "--json", "result.json", cwd=tmp_path)
     assert "ds_invocations" in done.stdout

@@ -1,9 +1,10 @@
 """The command `tiler`. Results go to standard output, talk to standard error.
 
-Exit status: 0 fine, 1 a check failed, 2 bad input, 130 interrupted.
+Exit status: 0 fine, 1 a check failed, 2 bad input, 130 interrupted, 141 standard output was closed.
 """
 
 import json
+import os
 import sys
 import warnings
 from pathlib import Path
@@ -536,6 +537,27 @@ def bench(
 
 
 @app.command
+def counters(*, json: JsonPath = None) -> None:
+    """Say what every counter counts: stage, unit, definition, and the counter of D3D11, Vulkan or GL that it equals.
+
+    Example: `tiler counters --json -`.
+
+    Parameters
+    ----------
+    json
+        Write the definitions as JSON to this file; - for standard output and nothing else there.
+    """
+    from tiler.counters import DEFINITIONS
+
+    table = [{"name": name} | definition._asdict() for name, definition in DEFINITIONS.items()]
+    if _write_json({"counters": table}, json):
+        return
+    for row in table:
+        same = f" ({row['same_as']})" if row["same_as"] else ""
+        print(f"{row['name']:<29} {row['stage']}, {row['unit']}: {row['text']}{same}")
+
+
+@app.command
 def warmup() -> None:
     """Compile all kernels now and keep them on disk, so that the first frame does not wait for it."""
     import time
@@ -643,7 +665,13 @@ def main() -> NoReturn:
     warnings.showwarning = _show_warning
     try:
         app(exit_on_error=False)
+        sys.stdout.flush()
         sys.exit(0)
+    except (
+        BrokenPipeError
+    ):  # whoever reads has enough, as `head` does; nor may the interpreter flush into it at its end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(141)
     except CycloptsError:
         sys.exit(2)  # it has told what is wrong with the options
     except TilerError as error:
