@@ -64,7 +64,7 @@ def draw(positions: np.ndarray, width: int, height: int, samples: int) -> np.nda
         queue = bin_boxes(triangles.first, triangles.used, triangles.box, grid, host)
     machine = Machine(tile=TILE, binning="triangle")
     coarse = make_coarse_z(machine, grid)
-    work = Work(np.zeros((n, 4), np.int32), np.zeros(n, np.float32), outcomes)
+    work = Work(np.zeros((n, 4), np.int32), np.zeros(n, np.float32), np.zeros((n, 3, 3)), outcomes)
     process_tiles(
         0, grid.num_tiles, grid, make_rules(machine), queue, queue, work, triangles, NO_ORDER, window, points.normal,
         (SAMPLE_X[samples], SAMPLE_Y[samples], MARGIN[samples]), (np.float32(0), np.float32(1)), np.zeros(4, np.uint8), 0,

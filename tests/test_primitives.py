@@ -121,7 +121,7 @@ def draw(assembled, width, height, samples, depth_range=(0.0, 1.0), tile=32, sha
         queue = bin_boxes(triangles.first, triangles.used, triangles.box, grid, host)
     machine = Machine(tile=tile, binning="triangle")
     coarse = make_coarse_z(machine, grid)
-    work = Work(np.zeros((patches, 4), np.int32), np.zeros(patches, F), outcomes)
+    work = Work(np.zeros((patches, 4), np.int32), np.zeros(patches, F), np.zeros((patches, 3, 3)), outcomes)
     counts = np.zeros((grid.num_tiles, NUM_TILE_COUNTS), np.int64)
     process_tiles(
         0, grid.num_tiles, grid, make_rules(machine), queue, queue, work, triangles, NO_ORDER, window,
