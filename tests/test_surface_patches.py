@@ -8,7 +8,7 @@ import pytest
 from pipeline import hull
 from pipeline.subdivision.surface import Basis, make_surface
 from pipeline.types import Patches
-from tests.cages import box, read_model
+from tests.cages import BOX_FACES, box, read_model
 from tests.naive_domain import NaiveMap, bernstein, naive_shade_patch
 from tests.test_domain import bits, random_matrix, random_points, shade
 from tests.test_subdivision import evaluate
@@ -61,18 +61,16 @@ def test_gregory_normals_are_those_of_the_surface(step):
     assert abs(normal - expected).max() < 30 * step**2 + 8 * U / step
 
 
-def edges_of(patches: Patches, maps, factor=16):
-    """For each edge: (clip, undisplaced normals, texture corners) of every patch at it, in the edge's direction."""
+def edges_of(patches: Patches, edge_row, maps=(), factor=16):
+    """For each edge: (clip, normals, texture corners) of every patch at it, in the edge's direction."""
     t = np.arange(factor + 1) / factor
     zero, one = np.zeros_like(t), np.ones_like(t)
     uv = np.concatenate([np.stack(side, 1) for side in ((zero, t), (t, zero), (one, t), (t, one))]).astype(np.float32)
-    n = len(patches.map_id)
-    clips, _ = shade(patches, [uv] * n, maps)
-    _, normals = shade(patches._replace(map_id=np.full(n, -1, np.int32)), [uv] * n)
+    clips, normals = shade(patches, [uv] * len(patches.map_id), maps)
     found: dict[int, list] = {}
     for p, (clip, normal) in enumerate(zip(clips, normals, strict=True)):
         for e, (a, b) in enumerate(pairwise(range(0, 5 * (factor + 1), factor + 1))):
-            row, corners = patches.edge_row[p, e], patches.texcoords[p, SIDES[e]]
+            row, corners = edge_row[p, e], patches.texcoords[p, SIDES[e]]
             order = slice(None) if row >= 0 else slice(None, None, -1)
             found.setdefault(int(row if row >= 0 else ~row), []).append(
                 (clip[a:b][order], normal[a:b][order], corners[order])
@@ -80,33 +78,84 @@ def edges_of(patches: Patches, maps, factor=16):
     return found
 
 
+MODELS = [("bigguy", "none"), ("monsterfrog", "none"), ("animated_head", "none"), ("osd_gregory_test1", "uniform"),
+          ("osd_nonquads", "none")]  # fmt: skip
+
+
 @by_basis
-@pytest.mark.parametrize(
-    ("name", "refine"),
-    [("bigguy", "none"), ("monsterfrog", "none"), ("osd_gregory_test1", "uniform"), ("osd_nonquads", "none")],
-)
+@pytest.mark.parametrize(("name", "refine"), MODELS)
 def test_edges_are_watertight(name, refine, basis):
-    """Displaced points of both sides have the same bits where texture coordinates agree; plain ones everywhere."""
+    """Displaced points of both sides have the same bits where texture coordinates agree."""
     points, cage = read_model(name)
     surface, _ = make_surface(cage, basis, refine)
     extent = float(np.ptp(points, axis=0).max())
-    maps = [bumps(scale=0.01 * extent)]
     displaced = hull.surface_patches(surface, points, 0, 0)
     assert displaced.normal_slack.min() > 0
     agreeing = 0
-    for edge, sides in edges_of(displaced, maps).items():
+    for edge, sides in edges_of(displaced, surface.edge_row, [bumps(scale=0.01 * extent)]).items():
         assert len(sides) <= 2
         if len(sides) == 2 and (sides[0][2] == sides[1][2]).all():
             agreeing += 1
             np.testing.assert_array_equal(bits(sides[0][0]), bits(sides[1][0]), f"edge {edge}")
     assert agreeing > len(displaced.map_id) * 0.5
-    plain = hull.surface_patches(surface, points, -1, 0)
-    gap = 0.0
-    for edge, sides in edges_of(plain._replace(edge_row=displaced.edge_row), ()).items():
+
+
+@by_basis
+@pytest.mark.parametrize(("name", "refine"), MODELS)
+def test_both_sides_of_an_edge_are_shaded_alike(name, refine, basis):
+    """Without a map: points and normals of both sides have the same bits, on every edge."""
+    points, cage = read_model(name)
+    surface, _ = make_surface(cage, basis, refine)
+    patches = hull.surface_patches(surface, points, -1, 0)
+    assert (patches.normal_slack == 0).all()
+    shared = 0
+    for edge, sides in edges_of(patches, surface.edge_row).items():
         if len(sides) == 2:
-            np.testing.assert_array_equal(bits(sides[0][0]), bits(sides[1][0]), f"edge {edge}")
-            gap = max(gap, float(abs(sides[0][1] - sides[1][1]).max()))
-    assert gap < 2e-4  # float32 rounding of points of size 30 whose differences are 0.05
+            shared += 1
+            for a, b in zip(sides[0][:2], sides[1][:2], strict=True):
+                np.testing.assert_array_equal(bits(a), bits(b), f"edge {edge}")
+    assert shared > len(patches.map_id)
+
+
+@by_basis
+def test_smooth_meshes_are_shaded_along_the_normals_that_they_are_displaced_along(basis):
+    """So `test_slack_encloses_the_normals_of_edges` says how far these are from the patches' own."""
+    points, cage = read_model("animated_head")
+    surface, _ = make_surface(cage, basis)
+    plain, displaced = (hull.surface_patches(surface, points, map_id, 0) for map_id in (-1, 0))
+    np.testing.assert_array_equal(plain.edge_row, displaced.edge_row)
+    np.testing.assert_array_equal(plain.edge_normals, displaced.edge_normals)
+    np.testing.assert_array_equal(
+        plain.corner_normals[plain.corner_row], displaced.corner_normals[displaced.corner_row]
+    )
+
+
+def test_sharp_creases_keep_the_normals_of_both_sides():
+    """All edges of a box sharp: each face is flat, and shaded so; displaced, its edges move along the mean."""
+    edges = sorted({tuple(sorted(pair)) for f in BOX_FACES for pair in zip(f, f[1:] + f[:1], strict=True)})
+    points, cage = box(creases=edges, sharpness=[10] * len(edges))
+    uv = [random_points(np.random.default_rng(2), 16)] * 6
+    uv[0][:4] = [(0, 0), (1, 0), (0, 0.5), (0.25, 1)]
+    outward = points[np.array(BOX_FACES)].mean(axis=1)
+    surface, _ = make_surface(cage)
+    patches = hull.surface_patches(surface, points, -1, 0)
+    assert len(patches.edge_normals) == 24 and len(patches.corner_normals) == 24
+    for normal, axis in zip(shade(patches, uv)[1], outward, strict=True):
+        np.testing.assert_allclose(normal, np.tile(axis, (len(normal), 1)), atol=4 * U)
+    displaced = hull.surface_patches(surface, points, 0, 0)
+    assert len(displaced.edge_normals) == 12 and len(displaced.corner_normals) == 8
+    np.testing.assert_allclose(abs(displaced.corner_normals), 1 / np.sqrt(3), atol=4 * U)
+
+
+def test_vanishing_shared_normals_leave_the_own_where_nothing_is_displaced():
+    patches = patches_of(*box(), Basis.ACC, -1)
+    none = patches._replace(edge_normals=0 * patches.edge_normals, corner_normals=0 * patches.corner_normals)
+    own = patches._replace(normal_id=np.full(6, -1, np.int32))
+    uv = [np.array([(0, 0), (0, 0.25), (0, 0.5), (0.25, 1), (1, 1), (0.5, 0.5)], np.float32)] * 6
+    np.testing.assert_array_equal(shade(none, uv)[1], shade(own, uv)[1])
+    gone = none._replace(map_id=np.zeros(6, np.int32))
+    moved, still = shade(gone, uv, [bumps()])[0], shade(own, uv)[0]
+    np.testing.assert_array_equal(np.array(moved)[:, :5], np.array(still)[:, :5])
 
 
 @by_basis
