@@ -1,5 +1,6 @@
 """ACC and Gregory patches in the domain shader: bit for bit the slow twin, and the same on both sides of every edge."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,8 +11,12 @@ from pipeline.subdivision.surface import Basis, make_surface
 from pipeline.types import Patches
 from tests.cages import BOX_FACES, box, read_model
 from tests.naive_domain import NaiveMap, bernstein, naive_shade_patch
+from tests.scenes import looking_along_y, patch_scene
 from tests.test_domain import bits, random_matrix, random_points, shade
 from tests.test_subdivision import evaluate
+from tiler.scene.model import SceneMesh, Tessellation
+from tiler.validation import validate_watertight
+from tiler.validation.levels import level_edges
 
 U = 2.0**-24
 SIDES = [[0, 2], [0, 1], [1, 3], [2, 3]]  # texture corners of the edges u=0, v=0, u=1, v=1
@@ -193,3 +198,57 @@ def test_slack_encloses_the_normals_of_edges():
         assert farthest <= slack, f"patch {p}"
         tightest = max(tightest, farthest / slack)
     assert tightest > 0.2 and np.median(patches.normal_slack) < 1e-4
+
+
+@by_basis
+def test_adaptive_levels_meet_in_one_curve(basis):
+    """An ordinary face's edge has the points of its refined neighbours' two edges, to the rounding of both."""
+    points, cage = read_model("subdbox")
+    surface, _ = make_surface(cage, basis, "adaptive")
+    scene = mesh_scene_of(surface, points)
+    patches = hull.surface_patches(surface, points, -1, 0)
+    levels = level_edges(scene, patches)
+    large, small = levels.patch.T
+    assert (large < 36).all() and (small >= 36).all() and len(large) % 2 == 0
+    assert (np.bincount(large * 4 + levels.side[:, 0]) % 2 == 0).all()  # two halves of every edge
+    t = np.arange(9, dtype=np.float32) / 8
+    for k in range(len(large)):
+        along = levels.start[k] + levels.step[k] * t
+        first, second = (
+            edge_points(patches, levels.patch[k, j], levels.side[k, j], np.where(levels.turned[k, j], 1 - s, s))
+            for j, s in ((0, along.astype(np.float32)), (1, t))
+        )
+        # Control points are rounded once, and sums of four products thrice: 8 u on each side.
+        assert abs(first - second).max() <= 16 * U * abs(points).max()
+
+
+def mesh_scene_of(surface, points, **fields):
+    scene = patch_scene([], camera=looking_along_y(4 * float(abs(points).max())), **fields)
+    return replace(scene, meshes=(SceneMesh(surface, points, 0, -1),))
+
+
+def edge_points(patches, p, side, t):
+    fixed = np.full_like(t, side // 2)
+    uv = np.stack((fixed, t) if side % 2 == 0 else (t, fixed), 1).astype(np.float32)
+    return shade(patches.take(np.array([p])), [uv])[0][0][:, :3]
+
+
+def test_level_cracks_are_measured_and_no_failure():
+    """The same factor on both sides leaves every second point of the finer side off the coarser one's chords."""
+    points, cage = read_model("subdbox")
+    surface, _ = make_surface(cage, Basis.ACC, "adaptive")
+    found = [
+        validate_watertight(mesh_scene_of(surface, points), [Tessellation(factor=(f,) * 6)], threads=1)
+        for f in (1.0, 4.0, 16.0)
+    ]
+    assert all(r["failed"] == 0 and r["boundary_edges"] == 0 for r in found)
+    assert len({r["level_edges"] for r in found}) == 1 and found[0]["level_edges"] > 0
+    patches = hull.surface_patches(surface, points, -1, 0)
+    net = patches.control_points[:36, ..., :3].astype(np.float64)
+    curves = np.concatenate([net[:, 0], net[:, 3], net[:, :, 0], net[:, :, 3]])
+    bend = 6 * np.linalg.norm(np.diff(curves, 2, axis=1), axis=2).max()  # a cubic's second derivative is at most that
+    for factor, r in zip((1, 4, 16), found, strict=True):
+        assert 0 < r["largest_level_crack"] <= bend / 8 / factor**2 + 16 * U * abs(points).max()
+    uniform, _ = make_surface(cage, Basis.ACC, "uniform")
+    plain = validate_watertight(mesh_scene_of(uniform, points), [Tessellation(factor=(4,) * 6)], threads=1)
+    assert plain["level_edges"] == plain["largest_level_crack"] == 0
