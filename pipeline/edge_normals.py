@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from pipeline.jit import helper
+from pipeline.jit import helper, inlined
 
 ONE, ZERO = np.float32(1.0), np.float32(0.0)
 SMALL = np.float32(2.0**-20)  # squared length below which the rounding of the control vectors (size 1) may be felt
@@ -38,7 +38,7 @@ def _sum6(b, p):
     return ((b[0] * p[0] + b[5] * p[5]) + (b[1] * p[1] + b[4] * p[4])) + (b[2] * p[2] + b[3] * p[3])
 
 
-@helper
+@inlined
 def _edge_net(n, row, c):
     """Coordinate c of the edge's control vectors in the direction of the patch; row < 0: against the edge's."""
     if row >= 0:
@@ -73,7 +73,7 @@ def _careful(net_x, net_y, net_z, t):
     return 0.0, 0.0, 0.0
 
 
-@helper
+@inlined
 def _edge_block(x, y, z, s):
     """Normals and squared lengths at the BLOCK parameters that lead the working space s, into what follows them there."""
     for k in range(BLOCK):
@@ -87,7 +87,7 @@ def _edge_block(x, y, z, s):
         s[4 * BLOCK + k] = square
 
 
-@helper
+@inlined
 def _edge_run(x, y, z, edge, u, v, begin, end, nx, ny, nz, keep, s):
     """Normals at the points begin .. end-1, all on one edge, nets x, y and z, into rows nx, ny, nz; s: SPACE entries.
 
