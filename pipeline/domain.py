@@ -12,7 +12,8 @@ roundings, and the slow twin repeats it):
 - Gregory patches: as above with the inner control points that (u, v) gives, and the derivatives of these (gregory.py);
 - unit normal n of du x dv; where that vanishes (collapsed edges) the normal of a point moved 2^-9 of the way to the
   patch's middle, which is the limit to that accuracy; zero if that vanishes too;
-- patches that share their edges' normals (`normal_id`) and are displaced: on an edge n is the edge's (edge_normals.py);
+- patches that share their edges' normals (`normal_id`): on an edge n is the edge's (edge_normals.py), but where they are
+  displaced by vectors; where it is zero, displaced points are not moved, and others keep the patch's own;
 - texture seams that are closed (`seam_id`): on an edge t, or the vector, is that of the edge's lowest patch (seams.py);
 - displaced position d = p + t n, or p + L (x, y, z) for a map of vectors, L its `turn`, a row of it summed as
   (L0 x + L1 y) + L2 z; then each clip component ((m0 x + m1 y) + m2 z) + m3;
@@ -42,7 +43,7 @@ from pipeline.bezier import (
     quadratic,
 )
 from pipeline.displacement import fetch, gradient, texel_coordinates
-from pipeline.edge_normals import write_edge_normals
+from pipeline.edge_normals import SPACE, write_edge_normals
 from pipeline.gregory import gregory_u, gregory_v, gregory_value, inner_net, inverse_weights
 from pipeline.jit import helper, inlined, kernel
 from pipeline.seams import write_seam_values
@@ -397,12 +398,12 @@ def _shade_surface(shape, edges, texcoords, map_id, maps, matrix, s, n):
     by_vectors = map_id >= 0 and maps.planes[map_id, 0] >= 0
     if by_vectors:
         _vector_pass(factor, texcoords, (edges[4], edges[5]), maps, map_id, s, n)
-    elif map_id >= 0:
-        if len(edges[0]) > 0:
-            write_edge_normals(
-                edges[0][0], edges[1][0], edges[2], edges[3], _row(s, U, n), _row(s, V, n), _row(s, NX, n),
-                _row(s, NY, n), _row(s, NZ, n), _row(s, T, n),
-            )  # fmt: skip
+    elif len(edges[0]) > 0:
+        write_edge_normals(
+            edges[0][0], edges[1][0], edges[2], edges[3], map_id < 0, _row(s, U, n), _row(s, V, n), _row(s, NX, n),
+            _row(s, NY, n), _row(s, NZ, n), _row(s, CX, SPACE),
+        )  # fmt: skip
+    if map_id >= 0 and not by_vectors:
         _displacement_pass(texcoords, maps, map_id, s, n)
         if len(edges[4]) > 0:
             write_seam_values(edges[4][0], edges[5][0], maps, map_id, _row(s, U, n), _row(s, V, n), _row(s, T, n))
@@ -448,7 +449,8 @@ def shade_patches(begin, end, live, patches, patterns, maps, matrix, points, scr
         plain = (
             patches.tangent_id[p] < 0
             and patches.gregory_id[p] < 0
-            and (map_id < 0 or (patches.normal_id[p] < 0 and patches.seam_id[p] < 0 and maps.planes[map_id, 0] < 0))
+            and patches.normal_id[p] < 0
+            and (map_id < 0 or (patches.seam_id[p] < 0 and maps.planes[map_id, 0] < 0))
         )
         for block in range(0, count, ROW):
             n = min(ROW, count - block)

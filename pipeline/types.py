@@ -99,8 +99,9 @@ class Patches(NamedTuple):
     normal is that of two tangent patches of bi-degree (2, 3) and (3, 2). Gregory (`gregory_id`): each inner control point
     is a quotient of two given points, which depends on (u, v); `control_points` holds their mean there.
 
-    Patches of one surface may share normals on their edges (`normal_id`): displaced points there use those of the edge,
-    and of the vertex at a corner, so both sides get the same bits. They differ from the patch's own by `normal_slack`.
+    Patches of one surface may share normals on their edges (`normal_id`): points there use those of the edge, and of the
+    vertex at a corner, so both sides get the same bits. They differ from the patch's own by `normal_slack` where the patch is
+    displaced along them; else nothing but shading depends on them, and it is 0.
     """
 
     control_points: F32  # (P, 4, 4, 4) homogeneous (wx, wy, wz, w), [p, i, j]: i along u, j along v

@@ -287,6 +287,8 @@ def naive_shade_patch(patches, p, image, matrix, u, v, turn=None):
             t = t if owner is None else value_at(image, *owner)
             point = [point[c] + t * n[c] for c in range(3)]
             n = displaced_normal(a, b, n, along_u, along_v, scale)
+        else:
+            n = shared_normal(patches, p, u, v) or n
         clip = [((row[0] * point[0] + row[1] * point[1]) + row[2] * point[2]) + row[3] for row in matrix]
         return np.array(clip, F), np.array(n, F)
 

@@ -12,9 +12,11 @@ from PIL import Image
 
 from tests.shared_data import shared_file
 from tiler.errors import TilerError
+from tiler.scene import texture_charts
 from tiler.scene.info import file_info, info_text
 from tiler.scene.mesh_counts import count_mesh
 from tiler.scene.mesh_files import read_mesh
+from tiler.scene.texture_charts import GRID, texture_coverage
 
 MODELS = ["bigguy", "monsterfrog", "animated_head", "subdbox", "osd_torus", "osd_gregory_test1", "osd_nonquads"]
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
@@ -181,3 +183,41 @@ def test_command(tmp_path):
     assert "object two" in done.stdout and "warning: one: 1 faces have no texture coordinates" in done.stdout
     done = run("b.obj")
     assert done.returncode == 2 and done.stderr == "error: b.obj: does not exist\n" and not done.stdout
+
+
+def charts(*faces):
+    """Coverage of faces, each a list of (s, t)."""
+    first = np.cumsum([0, *map(len, faces)])
+    return texture_coverage(first, np.concatenate(faces).astype(np.float64))
+
+
+def test_texture_coverage_counts_texels_once():
+    square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+    assert charts(square) == charts(square, square[::-1]) == 1
+    assert charts(square / 2) == charts(square / 2, square / 2 + [1, -3]) == 0.25  # wrapped onto itself
+    assert charts(square / 2, square / 2 + 0.25) == 0.25 + 0.25 - 0.0625
+    assert charts(square / 2 + [0.75, 0]) == 0.25  # across the border
+    assert charts(square * 3 - 1) == 1
+    assert charts(square[:3]) == (GRID + 1) / (2 * GRID)  # centres on and below the diagonal
+    assert charts(square * 1e6) == charts(square * np.nan) == charts(square * 0) == 0
+
+
+def test_texture_coverage_of_a_model():
+    """Against a search over faces, for a sample of texel centres."""
+    (mesh,), _ = read_mesh(shared_file("data", "models", "monsterfrog.obj"))
+    counts = count_mesh(mesh)
+    st = mesh.texcoords[mesh.face_texcoords].astype(np.float64).reshape(-1, 4, 2)
+    points = (np.random.default_rng(1).integers(0, GRID, (1000, 2)) + 0.5) / GRID
+    covered = np.zeros(len(points), bool)
+    for face in st:
+        for triangle in (face[[0, 1, 2]], face[[0, 2, 3]]):
+            a, b = triangle, np.roll(triangle, -1, axis=0)
+            side = (b - a)[:, None, 0] * (points[None, :, 1] - a[:, None, 1])
+            side -= (b - a)[:, None, 1] * (points[None, :, 0] - a[:, None, 0])
+            covered |= (side >= 0).all(axis=0) | (side <= 0).all(axis=0)
+    rows = np.zeros((GRID, GRID + 1), np.int64)
+    texture_charts._draw_faces(mesh.face_first.astype(np.int64), st.reshape(-1, 2), rows)
+    image = np.cumsum(rows, axis=1)[:, :GRID] > 0
+    at = image[(points[:, 1] * GRID).astype(int), (points[:, 0] * GRID).astype(int)]
+    np.testing.assert_array_equal(at, covered)
+    assert counts.texture_coverage == image.mean() <= counts.texture_area + 4 * counts.edges / GRID

@@ -1,5 +1,6 @@
 """ACC and Gregory patches in the domain shader: bit for bit the slow twin, and the same on both sides of every edge."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -8,10 +9,14 @@ import pytest
 from pipeline import hull
 from pipeline.subdivision.surface import Basis, make_surface
 from pipeline.types import Patches
-from tests.cages import box, read_model
+from tests.cages import BOX_FACES, box, read_model
 from tests.naive_domain import NaiveMap, bernstein, naive_shade_patch
+from tests.scenes import looking_along_y, patch_scene
 from tests.test_domain import bits, random_matrix, random_points, shade
 from tests.test_subdivision import evaluate
+from tiler.scene.model import SceneMesh, Tessellation
+from tiler.validation import validate_watertight
+from tiler.validation.levels import level_edges
 
 U = 2.0**-24
 SIDES = [[0, 2], [0, 1], [1, 3], [2, 3]]  # texture corners of the edges u=0, v=0, u=1, v=1
@@ -61,18 +66,16 @@ def test_gregory_normals_are_those_of_the_surface(step):
     assert abs(normal - expected).max() < 30 * step**2 + 8 * U / step
 
 
-def edges_of(patches: Patches, maps, factor=16):
-    """For each edge: (clip, undisplaced normals, texture corners) of every patch at it, in the edge's direction."""
+def edges_of(patches: Patches, edge_row, maps=(), factor=16):
+    """For each edge: (clip, normals, texture corners) of every patch at it, in the edge's direction."""
     t = np.arange(factor + 1) / factor
     zero, one = np.zeros_like(t), np.ones_like(t)
     uv = np.concatenate([np.stack(side, 1) for side in ((zero, t), (t, zero), (one, t), (t, one))]).astype(np.float32)
-    n = len(patches.map_id)
-    clips, _ = shade(patches, [uv] * n, maps)
-    _, normals = shade(patches._replace(map_id=np.full(n, -1, np.int32)), [uv] * n)
+    clips, normals = shade(patches, [uv] * len(patches.map_id), maps)
     found: dict[int, list] = {}
     for p, (clip, normal) in enumerate(zip(clips, normals, strict=True)):
         for e, (a, b) in enumerate(pairwise(range(0, 5 * (factor + 1), factor + 1))):
-            row, corners = patches.edge_row[p, e], patches.texcoords[p, SIDES[e]]
+            row, corners = edge_row[p, e], patches.texcoords[p, SIDES[e]]
             order = slice(None) if row >= 0 else slice(None, None, -1)
             found.setdefault(int(row if row >= 0 else ~row), []).append(
                 (clip[a:b][order], normal[a:b][order], corners[order])
@@ -80,33 +83,84 @@ def edges_of(patches: Patches, maps, factor=16):
     return found
 
 
+MODELS = [("bigguy", "none"), ("monsterfrog", "none"), ("animated_head", "none"), ("osd_gregory_test1", "uniform"),
+          ("osd_nonquads", "none")]  # fmt: skip
+
+
 @by_basis
-@pytest.mark.parametrize(
-    ("name", "refine"),
-    [("bigguy", "none"), ("monsterfrog", "none"), ("osd_gregory_test1", "uniform"), ("osd_nonquads", "none")],
-)
+@pytest.mark.parametrize(("name", "refine"), MODELS)
 def test_edges_are_watertight(name, refine, basis):
-    """Displaced points of both sides have the same bits where texture coordinates agree; plain ones everywhere."""
+    """Displaced points of both sides have the same bits where texture coordinates agree."""
     points, cage = read_model(name)
     surface, _ = make_surface(cage, basis, refine)
     extent = float(np.ptp(points, axis=0).max())
-    maps = [bumps(scale=0.01 * extent)]
     displaced = hull.surface_patches(surface, points, 0, 0)
     assert displaced.normal_slack.min() > 0
     agreeing = 0
-    for edge, sides in edges_of(displaced, maps).items():
+    for edge, sides in edges_of(displaced, surface.edge_row, [bumps(scale=0.01 * extent)]).items():
         assert len(sides) <= 2
         if len(sides) == 2 and (sides[0][2] == sides[1][2]).all():
             agreeing += 1
             np.testing.assert_array_equal(bits(sides[0][0]), bits(sides[1][0]), f"edge {edge}")
     assert agreeing > len(displaced.map_id) * 0.5
-    plain = hull.surface_patches(surface, points, -1, 0)
-    gap = 0.0
-    for edge, sides in edges_of(plain._replace(edge_row=displaced.edge_row), ()).items():
+
+
+@by_basis
+@pytest.mark.parametrize(("name", "refine"), MODELS)
+def test_both_sides_of_an_edge_are_shaded_alike(name, refine, basis):
+    """Without a map: points and normals of both sides have the same bits, on every edge."""
+    points, cage = read_model(name)
+    surface, _ = make_surface(cage, basis, refine)
+    patches = hull.surface_patches(surface, points, -1, 0)
+    assert (patches.normal_slack == 0).all()
+    shared = 0
+    for edge, sides in edges_of(patches, surface.edge_row).items():
         if len(sides) == 2:
-            np.testing.assert_array_equal(bits(sides[0][0]), bits(sides[1][0]), f"edge {edge}")
-            gap = max(gap, float(abs(sides[0][1] - sides[1][1]).max()))
-    assert gap < 2e-4  # float32 rounding of points of size 30 whose differences are 0.05
+            shared += 1
+            for a, b in zip(sides[0][:2], sides[1][:2], strict=True):
+                np.testing.assert_array_equal(bits(a), bits(b), f"edge {edge}")
+    assert shared > len(patches.map_id)
+
+
+@by_basis
+def test_smooth_meshes_are_shaded_along_the_normals_that_they_are_displaced_along(basis):
+    """So `test_slack_encloses_the_normals_of_edges` says how far these are from the patches' own."""
+    points, cage = read_model("animated_head")
+    surface, _ = make_surface(cage, basis)
+    plain, displaced = (hull.surface_patches(surface, points, map_id, 0) for map_id in (-1, 0))
+    np.testing.assert_array_equal(plain.edge_row, displaced.edge_row)
+    np.testing.assert_array_equal(plain.edge_normals, displaced.edge_normals)
+    np.testing.assert_array_equal(
+        plain.corner_normals[plain.corner_row], displaced.corner_normals[displaced.corner_row]
+    )
+
+
+def test_sharp_creases_keep_the_normals_of_both_sides():
+    """All edges of a box sharp: each face is flat, and shaded so; displaced, its edges move along the mean."""
+    edges = sorted({tuple(sorted(pair)) for f in BOX_FACES for pair in zip(f, f[1:] + f[:1], strict=True)})
+    points, cage = box(creases=edges, sharpness=[10] * len(edges))
+    uv = [random_points(np.random.default_rng(2), 16)] * 6
+    uv[0][:4] = [(0, 0), (1, 0), (0, 0.5), (0.25, 1)]
+    outward = points[np.array(BOX_FACES)].mean(axis=1)
+    surface, _ = make_surface(cage)
+    patches = hull.surface_patches(surface, points, -1, 0)
+    assert len(patches.edge_normals) == 24 and len(patches.corner_normals) == 24
+    for normal, axis in zip(shade(patches, uv)[1], outward, strict=True):
+        np.testing.assert_allclose(normal, np.tile(axis, (len(normal), 1)), atol=4 * U)
+    displaced = hull.surface_patches(surface, points, 0, 0)
+    assert len(displaced.edge_normals) == 12 and len(displaced.corner_normals) == 8
+    np.testing.assert_allclose(abs(displaced.corner_normals), 1 / np.sqrt(3), atol=4 * U)
+
+
+def test_vanishing_shared_normals_leave_the_own_where_nothing_is_displaced():
+    patches = patches_of(*box(), Basis.ACC, -1)
+    none = patches._replace(edge_normals=0 * patches.edge_normals, corner_normals=0 * patches.corner_normals)
+    own = patches._replace(normal_id=np.full(6, -1, np.int32))
+    uv = [np.array([(0, 0), (0, 0.25), (0, 0.5), (0.25, 1), (1, 1), (0.5, 0.5)], np.float32)] * 6
+    np.testing.assert_array_equal(shade(none, uv)[1], shade(own, uv)[1])
+    gone = none._replace(map_id=np.zeros(6, np.int32))
+    moved, still = shade(gone, uv, [bumps()])[0], shade(own, uv)[0]
+    np.testing.assert_array_equal(np.array(moved)[:, :5], np.array(still)[:, :5])
 
 
 @by_basis
@@ -144,3 +198,57 @@ def test_slack_encloses_the_normals_of_edges():
         assert farthest <= slack, f"patch {p}"
         tightest = max(tightest, farthest / slack)
     assert tightest > 0.2 and np.median(patches.normal_slack) < 1e-4
+
+
+@by_basis
+def test_adaptive_levels_meet_in_one_curve(basis):
+    """An ordinary face's edge has the points of its refined neighbours' two edges, to the rounding of both."""
+    points, cage = read_model("subdbox")
+    surface, _ = make_surface(cage, basis, "adaptive")
+    scene = mesh_scene_of(surface, points)
+    patches = hull.surface_patches(surface, points, -1, 0)
+    levels = level_edges(scene, patches)
+    large, small = levels.patch.T
+    assert (large < 36).all() and (small >= 36).all() and len(large) % 2 == 0
+    assert (np.bincount(large * 4 + levels.side[:, 0]) % 2 == 0).all()  # two halves of every edge
+    t = np.arange(9, dtype=np.float32) / 8
+    for k in range(len(large)):
+        along = levels.start[k] + levels.step[k] * t
+        first, second = (
+            edge_points(patches, levels.patch[k, j], levels.side[k, j], np.where(levels.turned[k, j], 1 - s, s))
+            for j, s in ((0, along.astype(np.float32)), (1, t))
+        )
+        # Control points are rounded once, and sums of four products thrice: 8 u on each side.
+        assert abs(first - second).max() <= 16 * U * abs(points).max()
+
+
+def mesh_scene_of(surface, points, **fields):
+    scene = patch_scene([], camera=looking_along_y(4 * float(abs(points).max())), **fields)
+    return replace(scene, meshes=(SceneMesh(surface, points, 0, -1),))
+
+
+def edge_points(patches, p, side, t):
+    fixed = np.full_like(t, side // 2)
+    uv = np.stack((fixed, t) if side % 2 == 0 else (t, fixed), 1).astype(np.float32)
+    return shade(patches.take(np.array([p])), [uv])[0][0][:, :3]
+
+
+def test_level_cracks_are_measured_and_no_failure():
+    """The same factor on both sides leaves every second point of the finer side off the coarser one's chords."""
+    points, cage = read_model("subdbox")
+    surface, _ = make_surface(cage, Basis.ACC, "adaptive")
+    found = [
+        validate_watertight(mesh_scene_of(surface, points), [Tessellation(factor=(f,) * 6)], threads=1)
+        for f in (1.0, 4.0, 16.0)
+    ]
+    assert all(r["failed"] == 0 and r["boundary_edges"] == 0 for r in found)
+    assert len({r["level_edges"] for r in found}) == 1 and found[0]["level_edges"] > 0
+    patches = hull.surface_patches(surface, points, -1, 0)
+    net = patches.control_points[:36, ..., :3].astype(np.float64)
+    curves = np.concatenate([net[:, 0], net[:, 3], net[:, :, 0], net[:, :, 3]])
+    bend = 6 * np.linalg.norm(np.diff(curves, 2, axis=1), axis=2).max()  # a cubic's second derivative is at most that
+    for factor, r in zip((1, 4, 16), found, strict=True):
+        assert 0 < r["largest_level_crack"] <= bend / 8 / factor**2 + 16 * U * abs(points).max()
+    uniform, _ = make_surface(cage, Basis.ACC, "uniform")
+    plain = validate_watertight(mesh_scene_of(uniform, points), [Tessellation(factor=(4,) * 6)], threads=1)
+    assert plain["level_edges"] == plain["largest_level_crack"] == 0

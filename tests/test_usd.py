@@ -5,7 +5,10 @@ import sys
 import numpy as np
 import pytest
 
+import tiler
+from pipeline.animate import pose
 from tests.shared_data import shared_file
+from tiler.errors import TilerWarning
 from tiler.scene.arrays import ArrayFault
 from tiler.scene.mesh_counts import count_mesh
 from tiler.scene.mesh_files import read_mesh
@@ -145,10 +148,64 @@ def Xform "root"
 def test_warnings(tmp_path):
     body = QUAD + 'uniform token subdivisionScheme = "none"\n'
     assert "/a: subdivisionScheme none" in read_one(tmp_path, body)[1][0]
-    later = "2: [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 9)]"
-    moving = f"{QUAD.replace('points = ', 'points.timeSamples = {1: ').rstrip()}, {later}}}"
-    mesh, warnings = read_one(tmp_path, moving)
-    assert "moves in time" in warnings[0] and mesh.vertices[3].tolist() == [0, 1, 0]
+
+
+THREE = "(0, 0, 0), (1, 0, 0), (1, 1, 0)"  # and the fourth moves, and a fifth that no face names
+SAMPLES = f"{{1: [{THREE}, (0, 1, 0), (9, 9, 9)], 4: [{THREE}, (0, 1, 6), (9, 9, 9)]}}"
+MOVING = QUAD.replace("points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]", f"points.timeSamples = {SAMPLES}")
+
+
+def test_points_that_move_are_keys(tmp_path):
+    """The vertex that no face names is dropped from the keys too; the model's scene has the file's frames."""
+    mesh, warnings = read_one(tmp_path, MOVING)
+    assert len(warnings) == 1 and "dropped" in warnings[0] and mesh.vertices[3].tolist() == [0, 1, 0]
+    assert mesh.keys.frames.tolist() == [1, 4] and mesh.keys.points.shape == (2, 4, 3)
+    assert mesh.keys.points[1, 3].tolist() == [0, 1, 6] and mesh.keys.points.dtype == np.float32
+    with pytest.warns(TilerWarning, match="dropped"):
+        scene = tiler.load_scene(usda(tmp_path, MOVING))
+    (motion,), (surface,) = scene.motions, scene.meshes
+    assert scene.frames == 5
+    heights = [pose(surface.vertices, motion, frame)[3, 2] for frame in (0, 1, 2, 3, 4, 9)]
+    assert heights == [0, 0, 2, 4, 6, 6]
+
+
+def test_transforms_that_move_are_keys_too(tmp_path):
+    """Of the prim and of what is above it; two prims with keys of their own make one motion."""
+    text = f"""#usda 1.0
+def Xform "root"
+{{
+    double3 xformOp:translate.timeSamples = {{ 0: (0, 0, 0), 10: (0, 0, 10) }}
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+    def Mesh "one"
+    {{{MOVING}
+    }}
+}}
+def Mesh "still"
+{{{QUAD}
+}}
+"""
+    (tmp_path / "n.usda").write_text(text)
+    (one, still), _ = read_mesh(tmp_path / "n.usda")
+    assert one.keys.frames.tolist() == [0, 1, 4, 10] and still.keys is None
+    with pytest.warns(TilerWarning, match="dropped"):
+        scene = tiler.load_scene(tmp_path / "n.usda")
+    for frame, z, last in ((0, 0, 0), (1, 1, 1), (4, 4, 10), (7, 7, 13), (10, 10, 16)):
+        points = pose(scene.meshes[0].vertices, scene.motions[0], frame)
+        assert points[:, 2].tolist() == [z, z, z, last, 0, 0, 0, 0]
+
+
+def test_number_of_points_may_not_change(tmp_path):
+    body = MOVING.replace(", (9, 9, 9)]}", "]}")
+    with pytest.raises(ArrayFault, match="has 4 points at time 4; allowed: 5"):
+        read_one(tmp_path, body)
+
+
+@pytest.mark.parametrize("up", ["Y", "Z"])
+def test_the_stage_says_which_way_is_up(tmp_path, up):
+    path = tmp_path / "up.usda"
+    path.write_text(f'#usda 1.0\n(\n    upAxis = "{up}"\n)\ndef Mesh "a"\n{{\n{QUAD}\n}}\n')
+    scene = tiler.load_scene(path)
+    assert scene.camera.up == ((0, 1, 0) if up == "Y" else (0, 0, 1)) and scene.title.endswith(f"{up.lower()} up")
 
 
 @pytest.mark.parametrize(

@@ -622,6 +622,11 @@ def _print_validation(result: dict[str, Any]) -> None:
             f"{result['open_seams']:,} seams and {result['open_edges']:,} other edges; widest {result['largest_crack']:.6g} "
             f"({result['largest_relative']:.3g} of the diagonal)"
         )
+        if result["level_edges"]:
+            print(
+                f"{result['level_edges']:,} more edges lie along larger ones, where adaptive refinement changes its level; "
+                f"widest gap there {result['largest_level_crack']:.6g}"
+            )
     for row in result["details"]:
         if "algorithm" not in row:
             print(row)

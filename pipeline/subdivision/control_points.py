@@ -8,11 +8,12 @@ A regular face becomes its exact bicubic patch. Another becomes, by the surface'
 
 Normals on edges: along an edge the normals of both patches are parallel, but rounded differently. The normal of the
 edge is therefore that of the first of its faces: with Y the quadratic along and X the cubic across the edge, X x Y as
-control vectors of degree 5. At a sharp crease, where the two sides differ, it is the sum of both, and so for vertices.
+control vectors of degree 5. At a sharp crease the two sides differ: each keeps its own to be shaded with, and both are
+displaced along the sum; and so for vertices.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ import numpy as np
 from pipeline.jit import helper, kernel
 from pipeline.subdivision.limit import multiply
 from pipeline.subdivision.refine import move_points
-from pipeline.subdivision.surface import Basis, Surface
+from pipeline.subdivision.surface import Basis, Layer, Sharing, Surface
 from pipeline.types import F32, F64
 
 GREGORY = int(Basis.GREGORY)
@@ -241,18 +242,18 @@ def _largest(n):
 
 
 @helper
-def _add_normals(layer, m, edge_base, corner_base, nets, out):
+def _add_normals(layer, sharing, m, edge_base, corner_base, nets, out):
     """The patch's share in the normals of its edges and corners."""
     tu, tv, n = nets.tu, nets.tv, nets.n
     for k in range(4):
-        corner = layer.corner_write[m, k]
-        write = layer.edge_write[m, k]
+        corner = sharing.corner_write[m, k]
+        write = sharing.edge_write[m, k]
         if not (write or corner):
             continue
         _edge_normal_net(tu, tv, k, n)
         with_edge = (layer.along[m, k] == 1) == (k < 2)
         if write:
-            row = out.edge_normals[edge_base + layer.edge[m, k]]
+            row = out.edge_normals[edge_base + sharing.edge[m, k]]
             size = _largest(n)
             for h in range(6):
                 for c in range(3):
@@ -261,7 +262,7 @@ def _add_normals(layer, m, edge_base, corner_base, nets, out):
         if corner:
             h = 0 if k < 2 else 5  # sides 2 and 3 start where the parameter ends
             size = math.sqrt(n[h, 0] * n[h, 0] + n[h, 1] * n[h, 1] + n[h, 2] * n[h, 2])
-            row = out.corner_normals[corner_base + layer.quad[m, k]]
+            row = out.corner_normals[corner_base + sharing.corner[m, k]]
             for c in range(3):
                 value = n[h, c] / size if size > 0.0 else 0.0
                 row[c] = value if corner == 1 else row[c] + value
@@ -269,7 +270,7 @@ def _add_normals(layer, m, edge_base, corner_base, nets, out):
 
 @kernel
 def _fill_patches(
-    layer, basis, shared, points, position, tangents, edge_points, first, irregular, edge_base, corner_base, nets, out
+    layer, sharing, basis, points, position, tangents, edge_points, first, irregular, edge_base, corner_base, nets, out
 ):
     b, tu, tv, f = nets.b, nets.tu, nets.tv, nets.f
     for m in range(len(layer.quad)):
@@ -292,8 +293,7 @@ def _fill_patches(
                 for c in range(3):
                     target[i, j, c] = b[i, j, c]
                 target[i, j, 3] = 1.0
-        if shared:
-            _add_normals(layer, m, edge_base, corner_base, nets, out)
+        _add_normals(layer, sharing, m, edge_base, corner_base, nets, out)
 
 
 @kernel
@@ -415,7 +415,9 @@ def _corner_slack(x, y, z, corner):
 
 
 @kernel
-def _fill_slack(layer, basis, first, irregular, edge_base, corner_base, nets, out, edge_normals, corner_normals, slack):
+def _fill_slack(
+    layer, sharing, basis, first, irregular, edge_base, corner_base, nets, out, edge_normals, corner_normals, slack
+):
     n, pieces = nets.n, np.empty((3, SLACK_LEVELS + 1, 6, 3))
     for m in range(len(layer.quad)):
         _rounded_nets(layer, m, basis, out.control_points[first + m], irregular, out, nets)
@@ -424,9 +426,9 @@ def _fill_slack(layer, basis, first, irregular, edge_base, corner_base, nets, ou
         for k in range(4):
             _edge_normal_net(nets.tu, nets.tv, k, n)
             with_edge = (layer.along[m, k] == 1) == (k < 2)
-            most = max(most, _edge_slack(n, edge_normals[edge_base + layer.edge[m, k]], with_edge, pieces))
+            most = max(most, _edge_slack(n, edge_normals[edge_base + sharing.edge[m, k]], with_edge, pieces))
             h = 0 if k < 2 else 5
-            corner = corner_normals[corner_base + layer.quad[m, k]]
+            corner = corner_normals[corner_base + sharing.corner[m, k]]
             most = max(most, _corner_slack(n[h, 0], n[h, 1], n[h, 2], corner))
         slack[first + m] = np.float32(most * (1.0 + 4.0 * U))
 
@@ -446,43 +448,45 @@ class Result(NamedTuple):
 def run_control_points(surface: Surface, vertices: F32, displaced: bool) -> Result:
     """Control points of all patches, of the control mesh's points float32[V, 3], in the space that these are in.
 
-    displaced : whether the normals that patches share are needed; if not, they and their slack are 0.
+    displaced : the normals that patches share are those of `Surface.edge_row` and `corner_row`, and have a slack; else those
+        of `side_row` and `sector_row`, whose slack is 0: nothing but shading depends on them.
     """
     num_irregular = int(surface.irregular_id.max(initial=-1)) + 1
     num_acc, num_gregory = (0, num_irregular) if surface.basis == Basis.GREGORY else (num_irregular, 0)
+    sharing = [layer.joined if displaced else layer.sided for layer in surface.layers]
     out = Output(
         np.empty((surface.num_patches, 4, 4, 4), np.float32),
         np.empty((num_acc, 3, 4, 3), np.float32),
         np.empty((num_acc, 4, 3, 3), np.float32),
         np.empty((num_gregory, 4, 2, 3), np.float32),
-        np.zeros((surface.num_edges, 6, 3)),
-        np.zeros((surface.num_corners, 3)),
+        np.zeros((sum(shared.num_edges for shared in sharing), 6, 3)),
+        np.zeros((sum(shared.num_corners for shared in sharing), 3)),
     )
     nets = Nets(*(np.empty(shape) for shape in ((4, 4, 3), (3, 4, 3), (4, 3, 3), (4, 2, 3), (6, 3))))
     points, level = vertices.astype(np.float64), 0
-    starts = list(_starts(surface))
-    for layer, start in zip(surface.layers, starts, strict=True):
+    parts = list(zip(surface.layers, sharing, _starts(surface.layers, sharing), strict=True))
+    basis = int(surface.basis)
+    for layer, shared, start in parts:
         while level < layer.level:
             points, level = move_points(surface.steps[level], points), level + 1
         position, tangents = multiply(layer.position, points), multiply(layer.tangents, points)
         edge_points = np.empty((len(layer.ends), 2, 3))
         _edge_points(layer, points, position, tangents, edge_points)
-        _fill_patches(layer, int(surface.basis), displaced, points, position, tangents, edge_points, *start, nets, out)
+        _fill_patches(layer, shared, basis, points, position, tangents, edge_points, *start, nets, out)
     edge_normals, corner_normals = (np.empty(a.shape, np.float32) for a in (out.edge_normals, out.corner_normals))
     _finish_normals(out.edge_normals, out.corner_normals, edge_normals, corner_normals)
     slack = np.zeros(surface.num_patches, np.float32)
-    for layer, start in zip(surface.layers, starts, strict=True):
-        if displaced:
-            _fill_slack(layer, int(surface.basis), *start, nets, out, edge_normals, corner_normals, slack)
+    for layer, shared, start in parts if displaced else ():
+        _fill_slack(layer, shared, basis, *start, nets, out, edge_normals, corner_normals, slack)
     return Result(*out[:4], edge_normals, corner_normals, slack)
 
 
-def _starts(surface: Surface) -> Iterator[tuple[int, int, int, int]]:
+def _starts(layers: Sequence[Layer], sharing: Sequence[Sharing]) -> Iterator[tuple[int, int, int, int]]:
     """Of each layer: its first patch, first patch that is not regular, first row of edge and of corner normals."""
     first = irregular = edge = corner = 0
-    for layer in surface.layers:
+    for layer, shared in zip(layers, sharing, strict=True):
         yield first, irregular, edge, corner
         first += len(layer.quad)
         irregular += int((layer.regular == 0).sum())
-        edge += len(layer.ends)
-        corner += len(layer.position.first) - 1
+        edge += shared.num_edges
+        corner += shared.num_corners

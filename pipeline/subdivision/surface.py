@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.subdivision import limit, refine
 from pipeline.subdivision.topology import Cage, Rings, Topology, TopologyFault, VertexKind, make_rings, make_topology
-from pipeline.types import F32, F64, I32, I64, U8
+from pipeline.types import F32, F64, I32, U8
 
 Refine = Literal["none", "uniform", "adaptive"]
 MAX_SHARPNESS_STEPS = 4  # uniform steps that semi-sharp creases may ask for: each makes four times as many patches
@@ -28,6 +28,17 @@ class Basis(IntEnum):
     GREGORY = 1
 
 
+class Sharing(NamedTuple):
+    """Which patches of a layer share the normals of an edge or a corner, and which of them makes these."""
+
+    edge: I32  # (M, 4) row of side k's normals
+    edge_write: U8  # (M, 4) what the face does to them: 0 nothing, 1 writes them, 2 adds to them (a crease)
+    corner: I32  # (M, 4) row of corner k's normal
+    corner_write: U8  # (M, 4) as edge_write
+    num_edges: int  # rows
+    num_corners: int
+
+
 class Layer(NamedTuple):
     """Faces of one cage as patches, as the kernel of the control-point phase reads them. M patches, E edges, V vertices."""
 
@@ -40,10 +51,8 @@ class Layer(NamedTuple):
     fullness: F64  # (M, 4) N of the corners
     tangent: I32  # (M, 4, 2) rows of the limit tangents along edge k and back along edge k - 1; unset in regular faces
     regular: U8  # (M,) the patch is the exact limit surface
-    edge_write: (
-        U8  # (M, 4) what the face does to its edge's normals: 0 nothing, 1 writes them, 2 adds to them (a crease)
-    )
-    corner_write: U8  # (M, 4) likewise for the corners' normals
+    joined: "Sharing"  # of normals to displace along: every edge and every vertex has one
+    sided: "Sharing"  # of normals to shade with: a sharp edge has one on each side, a vertex one for each sector
     ends: (
         I32  # (E, 6) of each edge from a to b: a, b, and the vertices next to them on its first and second side, or -1
     )
@@ -66,8 +75,9 @@ class Surface(NamedTuple):
     irregular_id: I32  # (P,) running number of the patches that are not regular, -1 for those that are
     edge_row: I32  # (P, 4) row of each edge's normals, in SV_TessFactor order; ~row where it runs against the patch's parameter
     corner_row: I32  # (P, 4) row of the normal at (u, v) = (0,0) (1,0) (0,1) (1,1)
-    num_edges: int  # rows of edge normals
-    num_corners: int  # rows of corner normals
+    side_row: I32  # (P, 4) as edge_row, of normals that stay apart at sharp edges
+    sector_row: I32  # (P, 4) as corner_row, likewise
+    num_edges: int  # edges
     seam_id: I32  # (P,) row in seam_edges of the patches that touch a texture seam, -1 for others
     seam_edges: F32  # (S, 4, 2, 2) texture coordinates of the first patch at each edge, as `types.Patches` has them
     seam_corners: F32  # (S, 4, 2) of the first patch at each corner
@@ -119,7 +129,8 @@ def make_surface(cage: Cage, basis: Basis = Basis.ACC, refinement: Refine = "non
         texcoords = [_texcoords(cage, everything)]
     irregular = np.concatenate([layer.regular == 0 for layer in layers])
     seam_id, seam_edges, seam_corners = _seams(layers, texcoords)
-    num_edges, num_corners = (np.cumsum([0, *(len(a) for a in sizes)]) for sizes in _table_sizes(layers))
+    edge_row, corner_row = _rows(layers, [layer.joined for layer in layers])
+    side_row, sector_row = _rows(layers, [layer.sided for layer in layers])
     surface = Surface(
         basis=basis,
         num_vertices=first.num_vertices,
@@ -128,12 +139,11 @@ def make_surface(cage: Cage, basis: Basis = Basis.ACC, refinement: Refine = "non
         layers=tuple(layers),
         texcoords=np.concatenate(texcoords),
         irregular_id=np.where(irregular, np.cumsum(irregular) - 1, -1).astype(np.int32),
-        edge_row=np.concatenate([_edge_row(a, int(k)) for a, k in zip(layers, num_edges[:-1], strict=True)]),
-        corner_row=np.concatenate(
-            [(a.quad + k)[:, CORNER_ORDER].astype(np.int32) for a, k in zip(layers, num_corners[:-1], strict=True)]
-        ),
-        num_edges=int(num_edges[-1]),
-        num_corners=int(num_corners[-1]),
+        edge_row=edge_row,
+        corner_row=corner_row,
+        side_row=side_row,
+        sector_row=sector_row,
+        num_edges=sum(len(layer.ends) for layer in layers),
         seam_id=seam_id,
         seam_edges=seam_edges,
         seam_corners=seam_corners,
@@ -141,14 +151,16 @@ def make_surface(cage: Cage, basis: Basis = Basis.ACC, refinement: Refine = "non
     return surface, warnings
 
 
-def _table_sizes(layers: list[Layer]) -> tuple[list[I32], list[I64]]:
-    return [layer.ends for layer in layers], [layer.position.first[:-1] for layer in layers]
-
-
-def _edge_row(layer: Layer, base: int) -> I32:
-    """Surface.edge_row of a layer: sides 0 and 1 of a face run with the parameter, sides 2 and 3 against it."""
-    with_edge = (layer.along == 1) == (np.arange(4) < 2)
-    return np.where(with_edge, layer.edge + base, ~(layer.edge + base))[:, SIDE_OF_EDGE].astype(np.int32)
+def _rows(layers: list[Layer], sharing: list[Sharing]) -> tuple[I32, I32]:
+    """Surface.edge_row and corner_row of all layers: sides 0 and 1 of a face run with the parameter, 2 and 3 against it."""
+    edges, corners, edge_base, corner_base = [], [], 0, 0
+    for layer, shared in zip(layers, sharing, strict=True):
+        with_edge = (layer.along == 1) == (np.arange(4) < 2)
+        row = shared.edge + edge_base
+        edges.append(np.where(with_edge, row, ~row)[:, SIDE_OF_EDGE].astype(np.int32))
+        corners.append((shared.corner + corner_base)[:, CORNER_ORDER].astype(np.int32))
+        edge_base, corner_base = edge_base + shared.num_edges, corner_base + shared.num_corners
+    return np.concatenate(edges), np.concatenate(corners)
 
 
 def _seams(layers: list[Layer], texcoords: list[F32]) -> tuple[I32, F32, F32]:
@@ -245,6 +257,10 @@ def _make_layer(level: int, t: Topology, rings: Rings, regular: np.ndarray, face
     # The first end's tangent leaves along its half-edge; the second's runs back along the half-edge that arrives.
     of_end = _tangent_of_corner(rings, row, end_corner)
     end_tangent = np.where(by_tangent, np.stack([of_end[:, 0, 0], of_end[:, 1, 1]], 1), -1)
+    cut = np.flatnonzero(~smooth & (t.half_edges[:, 1] >= 0))
+    second = np.full(len(ends), -1)
+    second[cut] = len(ends) + np.arange(len(cut))
+    side = np.where((second[edge] >= 0) & (t.half_edges[edge, 0] != corners), second[edge], edge)
     return Layer(
         level=level,
         quad=t.vertex[corners],
@@ -255,8 +271,8 @@ def _make_layer(level: int, t: Topology, rings: Rings, regular: np.ndarray, face
         fullness=fullness[sector],
         tangent=tangent.astype(np.int32),
         regular=is_regular.astype(np.uint8),
-        edge_write=_first_writes(edge, np.where(smooth[edge], 0, corners)),
-        corner_write=_first_writes(t.vertex[corners], sector),
+        joined=_share(edge, np.where(smooth[edge], 0, corners), len(ends), t.vertex[corners], sector, len(rings.kind)),
+        sided=_share(side, side, len(ends) + len(cut), sector, sector, len(rings.closed)),
         ends=ends.astype(np.int32),
         end_fullness=fullness[end_sector],
         end_tangent=end_tangent.astype(np.int32),
@@ -284,6 +300,19 @@ def _tangent_of_corner(rings: Rings, row: I32, corners: np.ndarray) -> np.ndarra
     after = np.where((rings.closed[sector] == 1) & (place + 1 == size), 0, place + 1)
     base = row[sector]
     return np.where(base[..., None] < 0, -1, base[..., None] + np.stack([place, after], -1))
+
+
+def _share(
+    edge: np.ndarray,
+    edge_part: np.ndarray,
+    num_edges: int,
+    corner: np.ndarray,
+    corner_part: np.ndarray,
+    num_corners: int,
+) -> Sharing:
+    """Sharing of rows that are made of one share for each of their parts: sides of an edge, sectors of a vertex."""
+    writes = _first_writes(edge, edge_part), _first_writes(corner, corner_part)
+    return Sharing(edge.astype(np.int32), writes[0], corner.astype(np.int32), writes[1], num_edges, num_corners)
 
 
 def _first_writes(item: np.ndarray, part: np.ndarray) -> U8:

@@ -2,9 +2,16 @@
 
 from typing import Literal, NamedTuple
 
-from pipeline.types import F32, I32
+from pipeline.types import F32, F64, I32
 
 Boundary = Literal["edge_only", "edge_and_corner"]
+
+
+class Keys(NamedTuple):
+    """Points of a mesh at frames of its own; they run linearly between."""
+
+    frames: F64  # (K,) rising
+    points: F32  # (K, V, 3)
 
 
 class ControlMesh(NamedTuple):
@@ -25,3 +32,4 @@ class ControlMesh(NamedTuple):
     corner_vertices: I32  # (C,)
     corner_sharpness: F32  # (C,)
     boundary: Boundary = "edge_and_corner"
+    keys: Keys | None = None  # how its file moves its points

@@ -23,7 +23,6 @@ from tiler.scene.maps import MAPS
 from tiler.scene.mesh import Mesh
 from tiler.scene.model import CameraKey, CameraPath, DisplacementMap, Picture, Scene, SceneMesh, Tessellation
 from tiler.scene.problems import Problem
-from tiler.scene.skinning import Skinning
 from tiler.scene.strict import Strict
 from tiler.scene.toml_lines import toml_lines
 from tiler.scene.transform import object_to_world
@@ -75,18 +74,18 @@ def build_scene(checked: Checked, name: str) -> Scene:
         displacement = _displacement(checked, k, found)
         map_id = -1 if displacement is None else len(maps)
         maps += [] if displacement is None else [displacement]
-        num_vertices, skinning = 0, None
+        num_vertices, own = 0, None
         if _is_surface(described):
             made = _surface(checked, k, found)
             if made is not None:
-                num_vertices, skinning = len(made.vertices), made.skinning
+                num_vertices, own = len(made.vertices), made.motion
                 seams = "keep" if described.displacement is None else described.displacement.seams
                 meshes.append(SceneMesh(made.surface, made.vertices, k, map_id, seams))
         else:
             mesh = _mesh(checked, k, found)
             if mesh is not None:
                 patches.append((k, map_id, mesh))
-        motions.append(_motion(checked, k, num_vertices, skinning, found))
+        motions.append(_motion(checked, k, num_vertices, own, found))
     if found:
         raise problems.error_of(str(checked.file), found, checked.lines)
     empty = np.empty((0, 4, 4, 4), np.float32), np.empty((0, 4, 2), np.float32)
@@ -208,11 +207,11 @@ def _is_surface(described: schema.ObjectFile) -> bool:
 
 
 class Made(NamedTuple):
-    """A subdivision surface with its points, and how a builder moves them."""
+    """A subdivision surface with its points, and how its builder or file moves them."""
 
     surface: Surface
     vertices: F32
-    skinning: Skinning | None = None
+    motion: Motion | None = None
 
 
 def _surface(checked: Checked, k: int, found: list[Problem]) -> Made | None:
@@ -222,26 +221,25 @@ def _surface(checked: Checked, k: int, found: list[Problem]) -> Made | None:
         built, skinning = MESH_BUILDERS[described.builder].build(checked.parameters[k])
         surface, vertices, told = surfaces.surface_of([built], described.basis, described.refine)
         _warn(f"builder {described.builder}", told)
-        return Made(surface, vertices, skinning)
+        return Made(surface, vertices, None if skinning is None else surfaces.motion_of(skinning))
     path = checked.file.parent / str(described.mesh)
     try:
-        surface, vertices, told = surfaces.read_surface(
+        surface, vertices, motion, told = surfaces.read_surface(
             path, described.basis, described.refine, described.displacement is not None
         )
     except arrays.ArrayFault as fault:
         found.append(Problem(("object", k, "mesh"), f"{path} {fault}"))
         return None
     _warn(str(path), told)
-    return Made(surface, vertices)
+    return Made(surface, vertices, motion)
 
 
-def _motion(
-    checked: Checked, k: int, num_vertices: int, skinning: Skinning | None, found: list[Problem]
-) -> Motion | None:
-    """How object k moves; None where it stands still, or where, a problem more, its file is wrong."""
+def _motion(checked: Checked, k: int, num_vertices: int, own: Motion | None, found: list[Problem]) -> Motion | None:
+    """How object k moves: as its animation says, else by itself. None where it stands still, or, with a problem more, where
+    its file is wrong."""
     described = checked.scene.object[k]
-    if described.animation is None and skinning is not None:
-        return surfaces.motion_of(skinning)
+    if described.animation is None and own is not None:
+        return own
     if described.animation is None or (described.mesh is not None and num_vertices == 0):
         return None
     path = checked.file.parent / described.animation

@@ -10,6 +10,7 @@ import numpy as np
 
 from pipeline.types import F64, I64
 from tiler.scene.control_mesh import ControlMesh
+from tiler.scene.texture_charts import texture_coverage
 
 FEW = 5  # offenders that are named
 
@@ -34,7 +35,8 @@ class MeshCounts(NamedTuple):
     split_vertices: int  # whose faces are more than one fan
     crease_edges: int
     sharp_corners: int
-    texture_area: float  # sum over the faces; 1 is the unit square
+    texture_area: float  # sum over the faces, overlaps counted each time; 1 is the unit square
+    texture_coverage: float  # part of the unit square that some face covers, coordinates wrapped
     seam_edges: int  # interior edges whose faces have different texture coordinates
     faces_without_texcoords: int
     low: tuple[float, ...]  # corners of the bounding box of finite vertices
@@ -71,7 +73,7 @@ def count_mesh(mesh: ControlMesh) -> MeshCounts:
     ordinary = whole & ~_any_corner(face, ~ordinary_vertex[tail], num_faces)
     regular = whole & ~_any_corner(face, ~(ordinary_vertex | regular_boundary)[tail], num_faces)
 
-    area, bare, seams = _texture(mesh, face, after, edge, tail, head, len(key))
+    area, coverage, bare, seams = _texture(mesh, face, after, edge, tail, head, len(key))
     finite = np.isfinite(mesh.vertices).all(axis=1)
     points = mesh.vertices[finite] if finite.any() else np.full((1, 3), np.nan, np.float32)
     nonmanifold = faces_of_edge > 2
@@ -94,6 +96,7 @@ def count_mesh(mesh: ControlMesh) -> MeshCounts:
         crease_edges=len(mesh.crease_edges),
         sharp_corners=len(mesh.corner_vertices),
         texture_area=area,
+        texture_coverage=coverage,
         seam_edges=seams,
         faces_without_texcoords=bare,
         low=tuple(float(x) for x in points.min(axis=0)),
@@ -156,11 +159,11 @@ def _any_corner(face: I64, marked: np.ndarray, num_faces: int) -> np.ndarray:
 
 def _texture(
     mesh: ControlMesh, face: I64, after: I64, edge: I64, tail: I64, head: I64, num_edges: int
-) -> tuple[float, int, int]:
-    """Sum of the faces' areas in texture space, faces without texture coordinates, seam edges."""
+) -> tuple[float, float, int, int]:
+    """Sum of the faces' areas in texture space, part of it covered, faces without texture coordinates, seam edges."""
     bare = _any_corner(face, mesh.face_texcoords < 0, len(mesh.face_first) - 1)
     if bare.all():
-        return 0.0, int(bare.sum()), 0
+        return 0.0, 0.0, int(bare.sum()), 0
     st: F64 = mesh.texcoords[np.maximum(mesh.face_texcoords, 0)].astype(np.float64)
     with np.errstate(invalid="ignore"):
         cross = st[:, 0] * st[after][:, 1] - st[:, 1] * st[after][:, 0]
@@ -173,7 +176,10 @@ def _texture(
     same_edge = edge[order][1:] == edge[order][:-1]
     differ = (four[order][1:] != four[order][:-1]).any(axis=1)
     seams = np.unique(edge[order][1:][same_edge & differ])
-    return float(np.nansum(np.abs(areas[~bare])) / 2), int(bare.sum()), len(seams)
+    area = float(np.nansum(np.abs(areas[~bare])) / 2)
+    st = np.where(bare[face][:, None], np.nan, st)  # NaN is near nothing: such a face is left out
+    coverage = texture_coverage(mesh.face_first.astype(np.int64), np.ascontiguousarray(st))
+    return area, coverage, int(bare.sum()), len(seams)
 
 
 def _histogram(values: np.ndarray) -> dict[int, int]:

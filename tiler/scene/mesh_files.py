@@ -8,7 +8,8 @@ from tiler.scene.arrays import ArrayFault
 from tiler.scene.control_mesh import ControlMesh
 from tiler.scene.mesh import Mesh
 
-MESH_SUFFIXES = (".obj", ".usd", ".usda", ".usdc", ".usdz")
+USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+MESH_SUFFIXES = (".obj", *USD_SUFFIXES)
 PATCH_SUFFIXES = (".npz", ".npy", ".bv", ".bpt", *triangles.SUFFIXES)
 
 

@@ -1,8 +1,8 @@
 """A model file as a scene of its own: one object before a camera on the model's bounding sphere, at factor 8.
 
-Which way is up no model file says but USD, and readers of USD leave it out: y for control meshes and glTF, as modellers
-write them, z for patch sets and other triangle meshes. The scene's title says which. The camera stands three quarters to the
-front, a little above, and sees the sphere with some room; the picture is 1280 x 720.
+Which way is up USD files say; else it is y for control meshes and glTF, as modellers write them, z for patch sets and other
+triangle meshes. The scene's title says which. The camera stands three quarters to the front, a little above, and sees the
+sphere about all keys of the model with some room; the picture is 1280 x 720. Frames are those of the model's keys.
 """
 
 import re
@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from pipeline.animate import pose
 from pipeline.types import F64
 from tiler.errors import TilerError
 from tiler.scene import problems, schema
+from tiler.scene.arrays import ArrayFault
 from tiler.scene.loader import Checked, build_scene
-from tiler.scene.mesh_files import MESH_SUFFIXES, PATCH_SUFFIXES
+from tiler.scene.mesh_files import MESH_SUFFIXES, PATCH_SUFFIXES, USD_SUFFIXES
 from tiler.scene.model import CameraKey, CameraPath, Scene
+from tiler.scene.usd import up_axis
 
 SUFFIXES = (*MESH_SUFFIXES, *PATCH_SUFFIXES)
 Y_UP = (*MESH_SUFFIXES, ".glb", ".gltf")
@@ -43,7 +44,7 @@ def model_scene(file: Path, displacement: Mapping[str, Any] | None = None) -> Sc
         name = str(displacement.get("map", ""))
         is_file = schema.is_map_file(name)
         described["displacement"] = {**displacement, "map": str(Path(name).absolute()) if is_file else name}
-    up = "y" if file.suffix.lower() in Y_UP else "z"
+    up = _up_of(file)
     data = {
         "title": f"{file.name}, {up} up",
         "light": [0.35, 0.8, 0.5] if up == "y" else [0.35, -0.5, 0.8],
@@ -56,7 +57,18 @@ def model_scene(file: Path, displacement: Mapping[str, Any] | None = None) -> Sc
     except ValidationError as error:
         raise problems.error_of(str(file), problems.problems_of(error, schema.SceneFile), {}) from None
     made = build_scene(Checked(file, scene, [None], {}), file.stem)
-    return replace(made, camera=_camera(_points(made), up, file))
+    last = max((float(motion.frames[-1]) for motion in made.motions if motion is not None), default=0.0)
+    return replace(made, camera=_camera(_points(made), up, file), frames=int(min(max(last, 0.0), 999_999.0)) + 1)
+
+
+def _up_of(file: Path) -> str:
+    """The axis that points upwards, y or z."""
+    if file.suffix.lower() in USD_SUFFIXES:
+        try:
+            return up_axis(file)
+        except ArrayFault as fault:
+            raise TilerError(f"{file}: {fault}") from None
+    return "y" if file.suffix.lower() in Y_UP else "z"
 
 
 def read_displacement(text: str) -> dict[str, Any]:
@@ -80,10 +92,12 @@ def read_displacement(text: str) -> dict[str, Any]:
 
 
 def _points(scene: Scene) -> F64:
-    """Finite control points at frame 0, world space, (n, 3)."""
+    """Finite control points, those of all keys where the model moves, world space, (n, 3)."""
     with np.errstate(all="ignore"):
         parts = [(scene.control_points[..., :3].astype(np.float64) / scene.control_points[..., 3:]).reshape(-1, 3)]
-    parts += [pose(mesh.vertices, None, 0).astype(np.float64) for mesh in scene.meshes]
+    parts += [mesh.vertices.astype(np.float64) for mesh in scene.meshes]
+    moved = [motion.points for motion in scene.motions if motion is not None and motion.points is not None]
+    parts += [points.reshape(-1, 3).astype(np.float64) for points in moved]
     points = np.concatenate(parts)
     return points[np.isfinite(points).all(axis=1)]
 

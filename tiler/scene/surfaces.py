@@ -5,7 +5,7 @@ from typing import get_args
 
 import numpy as np
 
-from pipeline.animate import Interpolation, Motion
+from pipeline.animate import Interpolation, Motion, interpolate
 from pipeline.subdivision.surface import Basis, Refine, Surface, make_surface
 from pipeline.subdivision.topology import Cage, TopologyFault
 from pipeline.types import F32
@@ -19,8 +19,11 @@ MOTION_ARRAYS = ("frames", "interpolation", "points", "transforms", "bone_index"
 
 def read_surface(
     path: Path, basis: str, refinement: Refine, needs_texcoords: bool
-) -> tuple[Surface, F32, tuple[str, ...]]:
-    """Surface of all meshes of a file, their vertices (V, 3) one mesh after the other, and warnings. Raises ArrayFault."""
+) -> tuple[Surface, F32, Motion | None, tuple[str, ...]]:
+    """Surface of all meshes of a file, their vertices (V, 3) one mesh after the other, how they move, and warnings.
+
+    Raises ArrayFault.
+    """
     meshes, warnings = read_mesh(path)
     if needs_texcoords:
         for mesh in meshes:
@@ -32,11 +35,13 @@ def read_surface(
                     "map; allowed: texture coordinates at every corner, or no displacement"
                 )
     surface, vertices, more = surface_of(meshes, basis, refinement)
-    return surface, vertices, (*warnings, *more)
+    return surface, vertices, motion_of_keys(meshes, vertices), (*warnings, *more)
 
 
 def surface_of(meshes: list[ControlMesh], basis: str, refinement: Refine) -> tuple[Surface, F32, tuple[str, ...]]:
     """One surface of several control meshes; its warnings. Raises ArrayFault where they are no surface."""
+    for mesh in meshes:
+        _check_vertices(mesh)
     cage, vertices = cage_of(meshes)
     try:
         surface, warnings = make_surface(cage, Basis[basis.upper()], refinement)
@@ -60,7 +65,7 @@ def cage_of(meshes: list[ControlMesh]) -> tuple[Cage, F32]:
     cage = Cage(
         num_vertices=int(vertex[-1]),
         face_first=np.concatenate([*firsts, corner[-1:]]).astype(np.int32),
-        face_vertices=np.concatenate([_moved(mesh.face_vertices, base, len(mesh.vertices)) for mesh, base in numbered]),
+        face_vertices=np.concatenate([mesh.face_vertices + base for mesh, base in numbered]).astype(np.int32),
         texcoords=np.concatenate(texcoords),
         crease_edges=np.concatenate([mesh.crease_edges.reshape(-1, 2) + base for mesh, base in numbered]).astype(
             np.int32
@@ -73,10 +78,34 @@ def cage_of(meshes: list[ControlMesh]) -> tuple[Cage, F32]:
     return cage, np.ascontiguousarray(np.concatenate([mesh.vertices for mesh in meshes]), np.float32)
 
 
-def _moved(vertices: np.ndarray, base: int, count: int) -> np.ndarray:
-    """Vertex numbers of a mesh as numbers of the cage; those that name none stay out of range."""
-    outside = (vertices < 0) | (vertices >= count)
-    return np.where(outside, np.int32(-1), vertices + base).astype(np.int32)
+def _check_vertices(mesh: ControlMesh) -> None:
+    """Refuse a face that names no vertex of its own mesh: as a number of the cage it might name one of another's."""
+    outside = (mesh.face_vertices < 0) | (mesh.face_vertices >= len(mesh.vertices))
+    if outside.any():
+        corner = int(np.argmax(outside))
+        face = int(np.searchsorted(mesh.face_first, corner, side="right")) - 1
+        raise ArrayFault(
+            f"is no surface: face {face} names vertex {mesh.face_vertices[corner]} in {mesh.name}; "
+            f"allowed: 0 to {len(mesh.vertices) - 1}"
+        )
+
+
+def motion_of_keys(meshes: list[ControlMesh], vertices: F32) -> Motion | None:
+    """Motion of the meshes of a file whose points the file itself keys; None where it keys none.
+
+    Keys of one mesh are made in all at its frame: what runs linearly between keys does so between more of them.
+    """
+    frames = np.unique(np.concatenate([mesh.keys.frames for mesh in meshes if mesh.keys is not None] or [np.zeros(0)]))
+    if not len(frames):
+        return None
+    points, at = np.tile(vertices, (len(frames), 1, 1)), 0
+    for mesh in meshes:
+        end = at + len(mesh.vertices)
+        if mesh.keys is not None:
+            own = Motion(mesh.keys.frames, points=mesh.keys.points)
+            points[:, at:end] = [interpolate(own, mesh.keys.points, frame) for frame in frames]
+        at = end
+    return Motion(frames, points=points)
 
 
 def read_motion(path: Path, num_vertices: int) -> Motion:

@@ -1,7 +1,8 @@
 """USD files as control meshes: every Mesh prim with its scheme, creases, corners, boundary rule and texture coordinates.
 
-Needs usd-core (extra `usd`). Points are in world space at the stage's default time, or at the first time sample where a
-prim has no default; later samples are not read. The prims' order is that of the stage.
+Needs usd-core (extra `usd`). Points are in world space, in the stage's own axes (`up_axis` tells which is up), at the
+default time, or at the first time sample where a prim has no default. Time samples of points, and of the transforms above
+them, become keys: a time code is a frame's number, and points run linearly between. The prims' order is that of the stage.
 """
 
 import re
@@ -12,7 +13,7 @@ import numpy as np
 
 from pipeline.types import F32, I32
 from tiler.scene.arrays import ArrayFault, check_file
-from tiler.scene.control_mesh import Boundary, ControlMesh
+from tiler.scene.control_mesh import Boundary, ControlMesh, Keys
 from tiler.scene.obj_lines import NO_TAGS, Tags
 from tiler.scene.polygons import Polygons, split_objects
 
@@ -22,15 +23,9 @@ CORNER_LIMIT = 2**26
 
 def read_usd(path: Path) -> tuple[list[ControlMesh], tuple[str, ...]]:
     """The meshes of a stage, and warnings. Raises ArrayFault that names the prim."""
-    check_file(path, FILE_LIMIT)
-    try:
-        from pxr import Tf, Usd, UsdGeom
-    except ImportError:
-        raise ArrayFault("needs the package usd-core: pip install 'tilesim[usd]'") from None
-    try:
-        stage = Usd.Stage.Open(str(path))
-    except Tf.ErrorException as error:
-        raise ArrayFault(f"is no USD file that can be read ({_reason(error)})") from None
+    stage = _open(path)
+    from pxr import Usd, UsdGeom
+
     prims = [prim for prim in stage.Traverse(Usd.TraverseInstanceProxies()) if prim.IsA(UsdGeom.Mesh)]
     meshes: list[ControlMesh] = []
     warnings: list[str] = []
@@ -41,6 +36,26 @@ def read_usd(path: Path) -> tuple[list[ControlMesh], tuple[str, ...]]:
     if not meshes:
         raise ArrayFault(f"has {len(prims)} Mesh prims, none with a face; allowed: at least one")
     return meshes, tuple(warnings)
+
+
+def up_axis(path: Path) -> str:
+    """y or z, the axis that points upwards on the stage. Raises ArrayFault."""
+    stage = _open(path)
+    from pxr import UsdGeom
+
+    return str(UsdGeom.GetStageUpAxis(stage)).lower()
+
+
+def _open(path: Path) -> Any:
+    check_file(path, FILE_LIMIT)
+    try:
+        from pxr import Tf, Usd
+    except ImportError:
+        raise ArrayFault("needs the package usd-core: pip install 'tilesim[usd]'") from None
+    try:
+        return Usd.Stage.Open(str(path))
+    except Tf.ErrorException as error:
+        raise ArrayFault(f"is no USD file that can be read ({_reason(error)})") from None
 
 
 def _reason(error: Any) -> str:
@@ -68,13 +83,51 @@ def _read_prim(mesh: Any) -> tuple[list[ControlMesh], list[str]]:
         order = _reversed_corners(first, sizes)
         vertex, texture = vertex[order], texture[order]
     tags = _tags(mesh, where, len(points))
-    with np.errstate(over="ignore", invalid="ignore"):
-        world = (points @ matrix[:3, :3] + matrix[3, :3]).astype(np.float32)
+    world = _in_world(points, matrix)
     polygons = Polygons(world, first, vertex.astype(np.int32), texcoords, texture)
     meshes, told = split_objects(polygons, np.zeros(len(sizes), np.int64), [mesh.GetPrim().GetName()], tags)
-    if mesh.GetPointsAttr().GetNumTimeSamples() > 1:
-        warnings.append("moves in time; only its first shape is read")
+    times = _times(mesh)
+    if len(times) > 1:
+        keys = Keys(np.array(times), _points_at(mesh, where, times, points)[:, np.unique(vertex)])
+        meshes = [one._replace(keys=keys) for one in meshes]  # one object, whose vertices are those that faces name
+        if str(mesh.GetPrim().GetStage().GetInterpolationType()).endswith("Held"):
+            warnings.append("the stage holds values between samples; they are read as running linearly")
     return meshes, warnings + told
+
+
+def _in_world(points: np.ndarray, matrix: np.ndarray) -> F32:
+    with np.errstate(over="ignore", invalid="ignore"):
+        return (points @ matrix[:3, :3] + matrix[3, :3]).astype(np.float32)
+
+
+def _times(mesh: Any) -> list[float]:
+    """Time codes at which points or a transform above them have samples, rising."""
+    from pxr import UsdGeom
+
+    times, prim = set(mesh.GetPointsAttr().GetTimeSamples()), mesh.GetPrim()
+    while prim and not prim.IsPseudoRoot():
+        if prim.IsA(UsdGeom.Xformable):
+            times |= set(UsdGeom.Xformable(prim).GetTimeSamples())
+        prim = prim.GetParent()
+    return sorted(times)
+
+
+def _points_at(mesh: Any, where: str, times: list[float], standing: np.ndarray) -> F32:
+    """Points (K, V, 3) in world space at the times."""
+    if 12 * len(times) * len(standing) > FILE_LIMIT:
+        raise ArrayFault(
+            f"{where}: has {len(times)} times of {len(standing)} points; allowed: {FILE_LIMIT:,} bytes in all"
+        )
+    keys = np.empty((len(times), len(standing), 3), np.float32)
+    for k, time in enumerate(times):
+        value = mesh.GetPointsAttr().Get(time)
+        points = np.zeros((0, 3)) if value is None else np.array(value, np.float64).reshape(-1, 3)
+        if len(points) != len(standing):
+            raise ArrayFault(
+                f"{where}: has {len(points)} points at time {time:g}; allowed: {len(standing)}, as at first"
+            )
+        keys[k] = _in_world(points, np.array(mesh.ComputeLocalToWorldTransform(time)))
+    return keys
 
 
 def _scheme_warnings(mesh: Any, where: str) -> list[str]:
@@ -167,10 +220,10 @@ def _tags(mesh: Any, where: str, num_points: int) -> Tags:
 
 
 def _to_world(mesh: Any) -> tuple[np.ndarray, bool]:
-    """Object to world, a row-vector matrix (4, 4), and whether it mirrors."""
+    """Object to world at first, a row-vector matrix (4, 4), and whether it mirrors."""
     from pxr import Usd
 
-    matrix = np.array(mesh.ComputeLocalToWorldTransform(Usd.TimeCode.Default()))
+    matrix = np.array(mesh.ComputeLocalToWorldTransform(Usd.TimeCode.EarliestTime()))
     return matrix, bool(np.linalg.det(matrix[:3, :3]) < 0)
 
 

@@ -46,7 +46,7 @@ def _shake(rng: np.random.Generator, table: F32, step: F64) -> F32:
 def mutate(batch: Batch, rng: np.random.Generator) -> Batch:
     """Every patch changed a little or a lot: some control points, tangents, inner points, texture coordinates, texels.
 
-    Patches that share normals keep their points: those would no longer belong together.
+    Displaced patches that share normals keep their points: those would no longer belong together.
     """
     old = batch.patches
     n = len(batch.control_points)
@@ -54,7 +54,7 @@ def mutate(batch: Batch, rng: np.random.Generator) -> Batch:
     size = abs(batch.control_points).max(axis=(1, 2), keepdims=True).astype(np.float64)
     where = rng.random((n, 4, 4, 4)) < rng.choice([0.02, 0.1, 0.5], (n, 1, 1, 1))
     where[..., 3] &= (batch.control_points[..., 3] != 1.0).any(axis=(1, 2))[:, None, None]  # polynomial patches stay so
-    where &= (old.normal_id < 0)[:, None, None, None]
+    where &= ((old.normal_id < 0) | (old.map_id < 0))[:, None, None, None]
     with np.errstate(over="ignore"):
         cp = (batch.control_points + where * step * rng.normal(size=(n, 4, 4, 4)) * size).astype(np.float32)
     cp[..., 3] = np.where(cp[..., 3] > 0, cp[..., 3], batch.control_points[..., 3])
@@ -70,7 +70,7 @@ def mutate(batch: Batch, rng: np.random.Generator) -> Batch:
 
 def own_tables(patches: Patches) -> tuple[str, ...]:
     """Tables with a row for each patch, its own and of its number, so that rows can be changed by themselves."""
-    if (patches.normal_id >= 0).any():
+    if ((patches.normal_id >= 0) & (patches.map_id >= 0)).any():
         return ()
     names = ("tangent_u", "tangent_v", "inner")
     return tuple(name for name in names if len(getattr(patches, name)) == len(patches.control_points))

@@ -7,7 +7,7 @@ seams. An edge that is open and no such seam is a failure. How wide open is meas
 same parameter on both sides.
 
 Edges of no length (all control points the same, as at a pole) are not looked at. Where an adaptively refined mesh changes
-its level, an edge of one patch lies along two others: such edges have one patch here, like boundaries.
+its level, an edge of one patch lies along two others: how wide it cracks is measured (levels.py) and told, and no failure.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,6 +23,7 @@ from tiler import front_end
 from tiler.host import Host, available_threads
 from tiler.scene.camera import camera_at
 from tiler.scene.model import Scene, Tessellation
+from tiler.validation.levels import LevelEdges, level_cracks, level_edges
 from tiler.validation.tally import KEPT
 
 Progress = Callable[[float], None]
@@ -49,6 +50,7 @@ class Found(NamedTuple):
     open: B1  # (n,)
     crack: F64  # (n,) world units
     position: F64  # (n, 3) of the widest place on the first side
+    level_crack: float  # the widest where a mesh changes its level
 
 
 def settings_of(scene: Scene, given: bool) -> list[Tessellation]:
@@ -73,12 +75,14 @@ def validate_watertight(
     `details` has the widest cracks, those that are failures first; the counts beside it are of pairs at the worst setting.
     """
     patches = front_end.run_vertex_shader(scene, number)
-    sides = pair_sides(scene, patches)
+    sides, levels = pair_sides(scene, patches), level_edges(scene, patches)
+    level_crack = 0.0
     diagonal = _diagonal(patches)
     worst, opened, failed, rows = np.zeros(len(sides.seam)), np.zeros(len(sides.seam), bool), 0, []
     with Host(available_threads() if threads is None else threads) as host:
         for k, policy in enumerate(settings):
-            found = check_sides(replace(scene, tessellation=policy), patches, sides, number, host)
+            found = check_sides(replace(scene, tessellation=policy), patches, sides, levels, number, host)
+            level_crack = max(level_crack, found.level_crack)
             wrong = found.open & ~sides.may_open
             failed += int(wrong.sum())
             worst, opened = np.maximum(worst, found.crack), opened | found.open
@@ -93,7 +97,11 @@ def validate_watertight(
         "details": rows[:KEPT],
         "scene": scene.name,
         "edges": len(sides.seam),
-        "boundary_edges": sides.boundaries,
+        "boundary_edges": sides.boundaries
+        - len(levels.start)
+        - len(np.unique(levels.patch[:, 0] * 4 + levels.side[:, 0])),
+        "level_edges": len(levels.start),
+        "largest_level_crack": level_crack,
         "seams": int(sides.seam.sum()),
         "open_edges": int((opened & ~sides.seam).sum()),
         "open_seams": int((opened & sides.seam).sum()),
@@ -139,7 +147,7 @@ def pair_sides(scene: Scene, patches: Patches) -> Sides:
     return Sides(patch, side, turns, seam, seam & keeps[patches.object_id[patch[:, 0]]], alone)
 
 
-def check_sides(scene: Scene, patches: Patches, sides: Sides, number: float, host: Host) -> Found:
+def check_sides(scene: Scene, patches: Patches, sides: Sides, levels: LevelEdges, number: float, host: Host) -> Found:
     """Tessellate as the scene says, shade the points on edges, and compare both sides of each pair."""
     viewport = Viewport(0, 0, scene.picture.width, scene.picture.height, 0.0, 1.0)
     camera = camera_at(scene.camera, number, viewport.width / viewport.height)
@@ -151,6 +159,8 @@ def check_sides(scene: Scene, patches: Patches, sides: Sides, number: float, hos
     clip = front_end.shade_domain_points(live, patches, patterns, packed.maps, camera, host)
     identity = camera._replace(clip_from_world=np.eye(4, dtype=np.float32))
     world = front_end.shade_domain_points(live, patches, patterns, packed.maps, identity, host).clip[:3]
+    runs = _points_of_sides(patterns, clip.first, levels)
+    level_crack = float(level_cracks(levels, world, *runs).max(initial=0.0))
     start, count, point, t = _points_of_sides(patterns, clip.first, sides)
     same_count = count[:, 0] == count[:, 1]
     opened, crack = ~same_count, np.zeros(len(sides.seam))
@@ -171,7 +181,7 @@ def check_sides(scene: Scene, patches: Patches, sides: Sides, number: float, hos
         _, p, q = np.intersect1d(t[a], t[b], return_indices=True)
         gap = _distance(world, point[a][p], point[b][q])
         crack[i], widest[i] = gap.max(initial=0.0), point[a][p][int(np.argmax(gap))] if len(p) else 0
-    return Found(opened, crack, world[:, widest].T.astype(np.float64))
+    return Found(opened, crack, world[:, widest].T.astype(np.float64), level_crack)
 
 
 def _on_edges(patterns: Patterns) -> Patterns:
@@ -185,7 +195,7 @@ def _on_edges(patterns: Patterns) -> Patterns:
     )
 
 
-def _points_of_sides(patterns: Patterns, first: I64, sides: Sides) -> tuple[I64, I64, I64, F32]:
+def _points_of_sides(patterns: Patterns, first: I64, sides: Sides | LevelEdges) -> tuple[I64, I64, I64, F32]:
     """Points of each side of each pair, in the edge's direction: start and count (n, 2) of runs in points and t."""
     patch, side, turned = sides.patch.ravel(), sides.side.ravel(), sides.turned.ravel()
     key = (patterns.of_patch[patch].astype(np.int64) * 4 + side) * 2 + turned
