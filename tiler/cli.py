@@ -344,6 +344,79 @@ def sweep(
 
 
 @app.command
+def reproduce(
+    paper: str | None = None,
+    *,
+    table: str | None = None,
+    figure: str | None = None,
+    item: str | None = None,
+    list_items: Annotated[bool, Parameter(name="--list", negative=())] = False,
+    models: Path | None = None,
+    out: Path = Path("reproduced"),
+    page: Path | None = None,
+    quick: bool = False,
+    again: bool = False,
+    seed: int = 0,
+    threads: int | None = None,
+    json: JsonPath = None,
+    quiet: Annotated[bool, Parameter(name=("--quiet", "-q"))] = False,
+) -> None:
+    """Compute the tables and figures of a paper anew, published beside measured, with a verdict against a stated tolerance.
+
+    Examples: `tiler reproduce munkberg2010 --figure 6`; `tiler reproduce loop2011 --models models`;
+    `tiler reproduce all --quick`; `tiler reproduce --list`.
+    The exit status is 1 if a measured value is beyond its tolerance. Interrupted, it goes on with the first item that
+    does not stand yet.
+
+    Parameters
+    ----------
+    paper
+        munkberg2010, sathe2011, loop2011, beyond (what no paper shows), or all.
+    table
+        Only this table of the paper, by its number.
+    figure
+        Only this figure.
+    item
+        Only this item, by the name that --list gives.
+    list_items
+        List the items, and run nothing.
+    models
+        Folder of the papers' models (docs/reproduce.md); scenes of ours stand in for those that are not there.
+    out
+        Folder for the results: figure, numbers and page of each item in a folder for each paper.
+    page
+        Put the table of all rows between the marks of this page, too.
+    quick
+        Fewer views, frames and factors.
+    again
+        Run items that stand already.
+    seed
+        Of random views.
+    threads
+        Threads of this computer to use; all by default. Only times depend on it.
+    json
+        Write the rows as JSON to this file; - for standard output and nothing else there.
+    quiet
+        No tables and no progress.
+    """
+    from tiler.reproduce import command
+
+    request = command.ReproduceRequest(
+        paper, table, figure, item, models, out, page, quick, again, seed, threads, quiet
+    )
+    if list_items:
+        found = command.list_items(request)
+        if not _write_json({"papers": found["papers"]}, json):
+            print(found["text"])
+        return
+    silent = quiet or json == "-"
+    result = command.run_command(request, lambda text: None if silent else print(f"{text}\n", flush=True))
+    _write_json(result, json)
+    if result["failed"]:
+        sys.exit(1)
+
+
+@app.command
 def validate(
     what: Literal["bounds", "tessellator", "limit", "watertight"],
     scene: str | None = None,
