@@ -15,6 +15,7 @@ from tiler.commands.bench import bench
 from tiler.commands.compare import compare, cost
 from tiler.commands.listings import counters, info, scenes
 from tiler.commands.output import show_warning
+from tiler.commands.plugins import load_named_plugins
 from tiler.commands.render import render
 from tiler.commands.studies import reproduce, sweep
 from tiler.commands.upkeep import doctor, warmup
@@ -25,7 +26,8 @@ app = App(
     name="tiler",
     version=__version__,
     suppress_keyboard_interrupt=False,
-    help="Simulate a tile-based sort-middle rasterizer with the Direct3D 11 tessellation pipeline.",
+    help="Simulate a tile-based sort-middle rasterizer with the Direct3D 11 tessellation pipeline.\n\n"
+    "With `--plugin FILE.py` (or a module's name) anywhere: bounds and cull tests of your own (docs/extending.md).",
 )
 for command in (
     scenes, render, compare, cost, sweep, reproduce, validate, info, bench, counters, warmup, doctor,
@@ -37,7 +39,7 @@ def main() -> NoReturn:
     """Entry point of the command."""
     warnings.showwarning = show_warning
     try:
-        app(exit_on_error=False)
+        app(load_named_plugins(sys.argv[1:]), exit_on_error=False)
         sys.stdout.flush()
         sys.exit(0)
     except (
