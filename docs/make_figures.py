@@ -4,8 +4,10 @@ Pictures go to docs/img. Text goes between the marks `<!-- begin NAME -->` and `
 is counted, not timed, so it is the same on every machine; tests/test_docs.py checks that the pages are up to date.
 """
 
+import ast
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import get_args
 
@@ -285,6 +287,21 @@ def costs_rows() -> str:
     return "\n".join(lines)
 
 
+EXAMPLE = ROOT / "docs" / "examples" / "diagonal.py"
+
+
+def example_text(name: str) -> str:
+    """docs/extending.md: a function of the example, or its call of a function `register_...`."""
+    source = EXAMPLE.read_text()
+    for node in ast.parse(source).body:
+        found = node.name if isinstance(node, ast.FunctionDef) else ast.unparse(node).partition("(")[0]
+        if found in (name, f"tiler.{name}"):
+            return f"```python\n{ast.get_source_segment(source, node)}\n```"
+    raise ValueError(f"{EXAMPLE.name} has no {name}")
+
+
+EXAMPLE_PARTS = ("diagonal_box", "register_bound", "all_products", "register_cull_test")
+
 TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
     "counters": (ROOT / "README.md", counters_table),
     "costs": (ROOT / "docs" / "bounds.md", costs_rows),
@@ -299,6 +316,7 @@ TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
     "blame": (ROOT / "docs" / "blame.md", blame_definitions),
     "ideal": (ROOT / "docs" / "blame.md", ideal_definitions),
     "blame table": (ROOT / "docs" / "blame.md", blame_table),
+    **{f"example: {part}": (ROOT / "docs" / "extending.md", partial(example_text, part)) for part in EXAMPLE_PARTS},
     "definitions": (ROOT / "docs" / "counters.md", definitions_table),
 }
 

@@ -116,15 +116,47 @@ def _folder_of(file: str) -> str:
     return str(folder)
 
 
-def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile `function` at its first call: GIL released, division by zero as IEEE defines it, cached on disk."""
+def _cached(function: Callable[..., Any], signatures: list[Any] | None = None) -> Callable[..., Any]:
     config: Any = numba.config  # Numba asks it for the folder once, when a function is declared
     before = config.CACHE_DIR
     config.CACHE_DIR = _folder_of(function.__code__.co_filename)
     try:
-        return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+        return numba.njit(signatures, cache=True, nogil=True, error_model="numpy")(function)
     finally:
         config.CACHE_DIR = before
+
+
+def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile `function` at its first call: GIL released, division by zero as IEEE defines it, cached on disk."""
+    return _cached(function)
+
+
+def typed_kernel(signature: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """As `kernel`, for one signature that is compiled at once: only so is a function among the arguments cached on disk.
+
+    For modules that are imported where they are needed. The function that is handed over is compiled by itself.
+    """
+
+    return lambda function: _cached(function, [signature])
+
+
+def compile_for(function: Callable[..., Any], signature: Any) -> Callable[..., Any]:
+    """`function`, plain or compiled already, compiled for the arguments of `signature`.
+
+    Raises TypeError, in one line, if that cannot be, or if it returns another type than the signature says.
+    """
+    compiled: Any = function if hasattr(function, "py_func") else helper(function)
+    if not hasattr(compiled, "py_func"):  # the compiler is switched off
+        return compiled
+    try:
+        compiled.compile(signature.args)
+    except (numba.core.errors.NumbaError, TypeError) as error:
+        lines = [line for line in str(error).splitlines() if line and "nopython mode pipeline" not in line]
+        raise TypeError(lines[0] if lines else str(error)) from None
+    returned = compiled.overloads[signature.args].signature.return_type
+    if returned != signature.return_type:
+        raise TypeError(f"it returns {returned}; allowed: {signature.return_type}")
+    return compiled
 
 
 def helper(function: Callable[..., Any]) -> Callable[..., Any]:

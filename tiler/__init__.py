@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from tiler.config import Machine as Machine
     from tiler.errors import TilerError as TilerError
+    from tiler.extensions import register_bound as register_bound
+    from tiler.extensions import register_cull_test as register_cull_test
+    from tiler.extensions import unregister as unregister
     from tiler.frame import Frame as Frame
     from tiler.scene import Scene as Scene
     from tiler.scene import load_scene as load_scene
@@ -25,9 +28,12 @@ _HOME = {
     "TilerError": "tiler.errors",
     "load_scene": "tiler.scene",
     "load_study": "tiler.study.results",
+    "register_bound": "tiler.extensions",
+    "register_cull_test": "tiler.extensions",
     "scene_names": "tiler.scene",
     "simulate": "tiler.simulation",
     "sweep": "tiler.study.run",
+    "unregister": "tiler.extensions",
 }
 
 __all__ = [
@@ -38,9 +44,12 @@ __all__ = [
     "__version__",
     "load_scene",
     "load_study",
+    "register_bound",
+    "register_cull_test",
     "scene_names",
     "simulate",
     "sweep",
+    "unregister",
 ]
 
 

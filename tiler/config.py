@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, mo
 from pipeline.bounds import BOUNDS
 from pipeline.culling import CULL_TESTS
 from tiler.errors import TilerError, unknown_name
+from tiler.extensions import load_plugins
 from tiler.queue_models import MOST_BYTES, Policy, load_queue_model, queue_model_names
 
 TILE_SIZES = (8, 16, 32, 64, 128, 256, 512)
@@ -183,12 +184,16 @@ class Machine(BaseModel):
     @classmethod
     def _bounds(cls, value: str) -> str:
         if value not in BOUNDS:
+            load_plugins()
+        if value not in BOUNDS:
             raise ValueError(unknown_name(value, BOUNDS))
         return value
 
     @field_validator("cull")
     @classmethod
     def _cull(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        if not all(name in CULL_TESTS or name in OCCLUSION_TESTS for name in value):
+            load_plugins()
         for name in value:
             if name not in CULL_TESTS and name not in OCCLUSION_TESTS:
                 raise ValueError(unknown_name(name, [*CULL_TESTS, *OCCLUSION_TESTS]))

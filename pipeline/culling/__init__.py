@@ -39,7 +39,7 @@ CULL_TESTS: dict[str, CullTest] = {
     "backface:tessellation_safe": tessellation_safe.cull_patches,
 }
 
-TRIANGLE_SAFE = frozenset({"backface:tessellation_safe"})  # answer for every triangle, not for the surface
+TRIANGLE_SAFE = {"backface:tessellation_safe"}  # answer for every triangle, not for the surface
 
 FLAG_OF: dict[str, CullFlag] = {
     "frustum": CullFlag.FRUSTUM,

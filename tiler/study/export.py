@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import tempfile
+from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -48,27 +49,32 @@ def write_csv(study: "Study", path: Path) -> None:
 
 def write_parquet(study: "Study", path: Path) -> None:
     """Write `path`; metadata `tiler.meta` and `tiler.columns` hold JSON. Goes through CSV: DuckDB reads no SQLite offline."""
-    duckdb = import_duckdb()
+    import_duckdb()
     check_target(path, "parquet")
-    told = description(study)
-    types = ", ".join(f"{_text(name)}: {_text(kind)}" for name, kind in _types(study).items())
-    pairs = ", ".join(f"{quote('tiler.' + name)}: {_text(json.dumps(value))}" for name, value in told.items())
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
     with tempfile.TemporaryDirectory(dir=path.absolute().parent, prefix=".tiler-") as folder:
         table = Path(folder) / "rows.csv"
         _write_table(study, table)
-        try:
-            with duckdb.connect() as db:
-                db.execute(
-                    f"COPY (SELECT * FROM read_csv({_text(str(table))}, header = true, auto_detect = false, delim = ',', "
-                    f"quote = '\"', escape = '\"', nullstr = '', columns = {{{types}}})) "
-                    f"TO {_text(str(beside))} (FORMAT parquet, KV_METADATA {{{pairs}}})"
-                )
-            beside.replace(path)
-        except (duckdb.Error, OSError) as error:
-            raise TilerError(f"parquet: cannot write {path} ({error})") from None
-        finally:
-            beside.unlink(missing_ok=True)
+        table_to_parquet(table, _types(study), description(study), path)
+
+
+def table_to_parquet(table: Path, types: Mapping[str, str], told: Mapping[str, Any], path: Path) -> None:
+    """Write a CSV file as Parquet. types : DuckDB's, of each column; told : metadata, as JSON under `tiler.` and its name."""
+    duckdb = import_duckdb()
+    columns = ", ".join(f"{_text(name)}: {_text(kind)}" for name, kind in types.items())
+    pairs = ", ".join(f"{quote('tiler.' + name)}: {_text(json.dumps(value))}" for name, value in told.items())
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with duckdb.connect() as db:
+            db.execute(
+                f"COPY (SELECT * FROM read_csv({_text(str(table))}, header = true, auto_detect = false, delim = ',', "
+                f"quote = '\"', escape = '\"', nullstr = '', columns = {{{columns}}})) "
+                f"TO {_text(str(beside))} (FORMAT parquet, KV_METADATA {{{pairs}}})"
+            )
+        beside.replace(path)
+    except (duckdb.Error, OSError) as error:
+        raise TilerError(f"parquet: cannot write {path} ({error})") from None
+    finally:
+        beside.unlink(missing_ok=True)
 
 
 def _write_table(study: "Study", path: Path) -> None:
