@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from tiler.config import Machine as Machine
     from tiler.errors import TilerError as TilerError
     from tiler.frame import Frame as Frame
+    from tiler.report.write import write_report as write_report
     from tiler.scene import Scene as Scene
     from tiler.scene import load_scene as load_scene
     from tiler.scene import scene_names as scene_names
@@ -28,6 +29,7 @@ _HOME = {
     "scene_names": "tiler.scene",
     "simulate": "tiler.simulation",
     "sweep": "tiler.study.run",
+    "write_report": "tiler.report.write",
 }
 
 __all__ = [
@@ -41,6 +43,7 @@ __all__ = [
     "scene_names",
     "simulate",
     "sweep",
+    "write_report",
 ]
 
 

@@ -25,7 +25,10 @@ from tiler.options import (
 )
 
 if TYPE_CHECKING:
+    from tiler.comparison import Comparison
     from tiler.config import Machine
+    from tiler.frame import Frame
+    from tiler.scene import Scene
 
 app = App(
     name="tiler",
@@ -66,6 +69,7 @@ def render(
     frame: float = 0,
     frames: str | None = None,
     heatmap: str | None = None,
+    report: Path | None = None,
     threads: int | None = None,
     json: JsonPath = None,
     quiet: Annotated[bool, Parameter(name=("--quiet", "-q"))] = False,
@@ -89,6 +93,8 @@ def render(
         Maps to draw as pictures with a scale beside the others, separated by commas: per-tile counters such as
         queue_entries, queue_bytes, wasted_samples, wasted_domain_points (with --blame), and per pixel overdraw,
         depth_complexity, bounds_overlap.
+    report
+        Write a report too: one .html file with the picture, maps over it, counters and where the work goes (one frame).
     threads
         Threads of this computer to use; all by default. The result does not depend on it.
     json
@@ -102,12 +108,22 @@ def render(
 
     numbers: list[Any] = [frame] if frames is None else list(parse_frames(frames))
     names = check_heatmaps([] if heatmap is None else heatmap.split(","))
+    if report is not None and len(numbers) > 1:
+        raise TilerError(f"report: {len(numbers)} frames are asked for; allowed: one, or tiler sweep for many")
+    if report is not None:
+        from tiler.report.command import check_report
+
+        check_report(report)
     opened = open_scene(scene, scene_options or SceneOptions())
     machine = make_machine(machine_options or MachineOptions())
     if "wasted_domain_points" in names and not machine.blame:
         raise TilerError("heatmap: 'wasted_domain_points' is not known of this machine; allowed: with --blame")
+    drawn: list[Frame] = []
     with Progress(f"rendering {opened.name}", len(numbers), quiet) as bar:
-        records = render_to_folder(opened, machine, numbers, out, names, threads, bar.update)
+        keep = drawn.append if report is not None else lambda frame: None
+        records = render_to_folder(opened, machine, numbers, out, names, threads, bar.update, keep)
+    if report is not None:
+        _write_report(drawn[0], report, opened)
     if not _write_json(render_result(opened, machine, records), json) and not quiet:
         from tiler.counters import Counters
 
@@ -133,6 +149,7 @@ def compare(
     machine: tuple[str, ...] = (),
     cost: str | None = None,
     frame: float = 0,
+    report: Path | None = None,
     threads: int | None = None,
     json: JsonPath = None,
     quiet: Annotated[bool, Parameter(name=("--quiet", "-q"))] = False,
@@ -154,6 +171,8 @@ def compare(
         Cost model by which to weigh the counters: munkberg2010, wide, or a .toml file.
     frame
         Which frame of the camera path.
+    report
+        Write a report too: one .html file with the machines side by side, maps over the picture and a divider between them.
     threads
         Threads of this computer to use; all by default.
     json
@@ -169,6 +188,10 @@ def compare(
 
     opened = open_scene(scene, scene_options or SceneOptions())
     machines = _machines(machine, machine_options or MachineOptions())
+    if report is not None:
+        from tiler.report.command import check_report
+
+        check_report(report)
     if cost is not None:
         from tiler import cost_model
 
@@ -179,6 +202,8 @@ def compare(
         warm_up(machines.values())
         simulate(opened, next(iter(machines.values())), frame=frame, threads=threads)
         comparison = run(opened, machines, frame=frame, threads=threads, progress=bar.update)
+    if report is not None:
+        _write_report(comparison, report, opened)
     same = comparison.same_picture()
     result: dict[str, Any] = {
         "scene": opened.name,
@@ -286,6 +311,7 @@ def sweep(
     threads: int | None = None,
     csv: Path | None = None,
     parquet: Path | None = None,
+    report: Path | None = None,
     status: bool = False,
     merge: Annotated[tuple[Path, ...], Parameter(consume_multiple=True)] = (),
     retry_failed: bool = False,
@@ -318,6 +344,8 @@ def sweep(
         Write the table as CSV too, and a .json beside it with what its columns mean.
     parquet
         Write the table as Parquet too (needs duckdb).
+    report
+        Write a report too: one .html file with the table, plots of it and what failed.
     status
         Say how far a study is, and run nothing.
     merge
@@ -334,8 +362,8 @@ def sweep(
     from tiler.study.command import SweepRequest, run_command
 
     request = SweepRequest(
-        study, out, workers, scheduler, shard, threads, csv, parquet, status, merge, retry_failed, yes_run, quiet
-    )
+        study, out, workers, scheduler, shard, threads, csv, parquet, status, merge, retry_failed, yes_run, quiet, report
+    )  # fmt: skip
     summary = run_command(request)
     if not _write_json(summary, json) and not quiet:
         print(summary["text"])
@@ -587,6 +615,13 @@ def _machines(texts: tuple[str, ...], options: MachineOptions) -> "dict[str, Mac
     if texts:
         return {text: parse_machine(text, options) for text in texts}
     return {name: make_machine(options, **fields) for name, fields in MACHINES.items()}
+
+
+def _write_report(shown: "Frame | Comparison", report: Path, scene: "Scene") -> None:
+    from tiler.report.command import command_line
+    from tiler.report.write import write_report
+
+    write_report(shown, report, scene=scene, command=command_line())
 
 
 def _tell_part(what: str) -> None:
