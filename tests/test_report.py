@@ -19,7 +19,7 @@ from tiler.comparison import EVERYTHING, MACHINES, compare
 from tiler.counters import DEFINITIONS
 from tiler.errors import TilerError
 from tiler.frame import Frame
-from tiler.heatmaps import depth_complexity_map, overdraw_map, overlap_map
+from tiler.heatmaps import depth_complexity_map, heatmap_names, overdraw_map, overlap_map
 from tiler.report import collect as collect_module
 from tiler.report.collect_study import collect_study
 from tiler.report.colors import linear_from_oklab, ramp
@@ -82,6 +82,12 @@ def test_it_holds_the_counters_and_the_maps_of_each_machine(scene, frames, page)
         assert all(values.any() for values in maps.values())
     assert data["machines"][2]["verified"]["violations"] == 0 and data["machines"][1]["verified"] is None
     assert len(data["pictures"]) == 1, "all machines draw the same"
+
+
+def test_every_map_has_a_place():
+    """But the one that shows the same as its neighbour, a little tighter."""
+    assert set(heatmap_names()) - set(MAPS) == {"bounds_overlap:hull"}
+    assert set(MAPS) - set(heatmap_names()) == {f"blame:{name}" for name in BLAME}
 
 
 def test_the_patch_under_each_pixel_is_told(scene, frames, page):
@@ -162,11 +168,15 @@ def test_two_reports_of_the_same_differ_in_their_provenance_only(scene, frames, 
     assert make_page(first) == make_page(second)
 
 
-def test_without_the_scene_there_are_no_pixels_to_tell(frames, tmp_path):
+def test_without_the_scene_there_are_no_pixels_to_tell(scene, frames, tmp_path):
     tiler.write_report(frames["patch"], tmp_path / "r.html")
     data = read_data(tmp_path / "r.html")
     assert data["under"] is None and data["machines"][0]["patches"] is None and data["machines"][0]["name"] == "patch"
     assert {info["per"] for info in data["maps"].values()} == {"tile"}
+    (again,) = eval(data["provenance"]["command"], {"tiler": tiler, "scene": scene}).values()
+    assert again.machine == frames["patch"].machine and again.counters == frames["patch"].counters, (
+        "how to make it is told"
+    )
     assert data["machines"][0]["waterfalls"]["patches"][-1]["title"] == "visible patches", "blame knows them"
 
 

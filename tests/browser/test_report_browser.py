@@ -15,6 +15,7 @@ from tests.study_tools import run as run_sweep
 from tests.study_tools import write_study
 from tiler.comparison import EVERYTHING, compare
 from tiler.counters import DEFINITIONS
+from tiler.heatmaps import overdraw_map
 from tiler.report.colors import ramp
 
 pytestmark = pytest.mark.browser
@@ -109,8 +110,9 @@ def test_a_click_holds_the_place(page):
     assert "Pixel 61, 100" in page.locator("#readout").inner_text()
 
 
-def test_another_map_changes_picture_scale_and_definition(page, made):
+def test_another_map_changes_picture_scale_and_definition(page, made, load):
     frames, _ = made
+    scene = load("waves", size=SIZE, factor=3)
     page.locator("#opacity").fill("100")
     tiles = frames["triangle"].tiles["ps_invocations"][:, :3]
     row, column = np.argwhere((tiles > 0) & (tiles < tiles.max()))[0]
@@ -127,10 +129,12 @@ def test_another_map_changes_picture_scale_and_definition(page, made):
     page.get_by_label("Logarithmic").uncheck()
     page.locator("#map-choice").select_option("overdraw")
     assert page.locator(".ends span").last.inner_text().endswith("samples a pixel")
-    assert (
-        page.locator("#map-numbers tbody td").first.inner_text()
-        == f"{frames['triangle'].counters['rs_samples_covered']:,}"
-    )
+    told = page.locator("#map-numbers tbody tr > :nth-child(2)").all_inner_texts()
+    values = np.sort(overdraw_map(scene, frames["triangle"].machine).ravel())
+    at = [int(values[min(len(values) - 1, int(part * len(values)))]) for part in (0.95, 0.5)]
+    assert [number(text) for text in told[:4]] == [values.sum(), values.max(), *at]
+    assert float(told[4]) == pytest.approx(values.mean(), rel=1e-3)
+    assert told[5] == f"{100 * (values > 0).mean():.1f} %"
     page.locator("#map-choice").select_option("")
     assert colour(page, x, y)[:3] == frames["triangle"].color[y, x, :3].tolist(), "only the picture"
 

@@ -190,7 +190,18 @@ def _provenance(frames: Mapping[str, Frame], scene: Scene | None, command: str |
     key = {} if scene is None else {"key of the baseline": frame_key(scene, first.machine, first.number)}
     return {
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
-        "command": command,
+        "command": command or _python(frames),
         "milliseconds": {name: round(frame.seconds * 1e3, 1) for name, frame in frames.items()},
         "versions": key | {name: value for name, value in provenance().items() if value},
     }
+
+
+def _python(frames: Mapping[str, Frame]) -> str:
+    """The calls that make the frames, where no command did."""
+    usual = Machine()
+    lines = []
+    for name, frame in frames.items():
+        changed = {key: value for key, value in frame.machine if value != getattr(usual, key)}
+        fields = ", ".join(f"{key}={value!r}" for key, value in changed.items())
+        lines.append(f"{name!r}: tiler.simulate(scene, tiler.Machine({fields}), frame={frame.number:g}),")
+    return "\n".join(["{", *(f"    {line}" for line in lines), "}"])

@@ -1,6 +1,6 @@
 // A report of a study: how far it is, a plot of any counter over any axis, the table, what failed, how to run it again.
 
-const FEW = 40; // values of an axis that are offered as a choice
+const OFFERED = 40; // values of an axis that are offered as a choice
 
 /** The columns with their values, rows as objects that know their number only. */
 async function readColumns() {
@@ -92,7 +92,7 @@ function studyTable(columns) {
   const pick = (key, list, label, id) => field(label, choice(list.map((c) => [c.name, c.name]), state[key],
     (name) => { state[key] = name; refresh(); }, { id }));
   const search = h("input", { type: "search", placeholder: "words of axes and errors", oninput: () => { state.words = search.value; refresh(); } });
-  const filters = turned.filter((c) => c.distinct.length <= FEW).map((c) => field(c.name,
+  const filters = turned.filter((c) => c.distinct.length <= OFFERED).map((c) => field(c.name,
     choice([["", "all"], ...c.distinct.map((v) => [String(v), c.numeric ? show(v) : v])], "", (v) => { state.only[c.name] = v; refresh(); },
       { "data-filter": c.name })));
   const more = h("details", { class: "columns" }, h("summary", {}, "Columns"), h("div", { class: "ticks" }, counters.filter((c) => c.kind !== "time")

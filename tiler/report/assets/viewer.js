@@ -10,24 +10,58 @@ function place(value, top, log) {
   return Math.min(1, Math.max(0, part));
 }
 
+// The colours as canvases hold them, and clear.
+const PIXELS = new Uint32Array(Uint8Array.from({ length: 4 * RAMP.length / 3 },
+  (_, i) => i % 4 === 3 ? 255 : RAMP[3 * (i >> 2) + i % 4]).buffer);
+const FEW = 1 << 20; // values that a table is made for
+
 /** A map's colours on a canvas of one pixel a value; 0 is left clear. */
 function paint(values, width, height, top, log) {
   const canvas = h("canvas", { width, height });
   const image = new ImageData(width, height);
-  const steps = RAMP.length / 3 - 1;
-  for (let i = 0; i < values.length; i++) {
-    if (!values[i]) continue;
-    const at = 3 * Math.round(place(values[i], top, log) * steps);
-    image.data.set([RAMP[at], RAMP[at + 1], RAMP[at + 2], 255], 4 * i);
-  }
+  const pixels = new Uint32Array(image.data.buffer);
+  const colour = (value) => value ? PIXELS[Math.round(place(value, top, log) * (PIXELS.length - 1))] : 0;
+  const known = top < FEW && values.length > top ? Uint32Array.from({ length: top + 1 }, (_, value) => colour(value)) : null;
+  for (let i = 0; i < values.length; i++) pixels[i] = known ? known[Math.min(values[i], top)] : colour(values[i]);
   canvas.getContext("2d").putImageData(image, 0, 0);
   return canvas;
 }
 
-function largest(values) {
-  let most = 0;
-  for (const value of values || []) if (value > most) most = value;
-  return most;
+const NOTHING = new Uint8Array(0);
+const described = new WeakMap();
+
+/** Figures of a map's values, none below 0, made once: {largest, sum, length, some (not 0), at(part)}. */
+function describe(values) {
+  if (!described.has(values)) {
+    let largest = 0, sum = 0, some = 0;
+    for (const value of values) {
+      if (value > largest) largest = value;
+      sum += value;
+      some += value > 0;
+    }
+    described.set(values, { largest, sum, some, length: values.length, at: quantiles(values, largest) });
+  }
+  return described.get(values);
+}
+
+/** The value that a part of all lie below, as a function; by counting, for a picture has too many pixels to sort. */
+function quantiles(values, largest) {
+  if (!values.length) return () => 0;
+  const rank = (part) => Math.min(values.length - 1, Math.floor(part * values.length));
+  let sorted = null, counts = null;
+  return (part) => {
+    if (largest >= FEW) {
+      sorted = sorted || Float64Array.from(values).sort();
+      return sorted[rank(part)];
+    }
+    if (!counts) {
+      counts = new Uint32Array(largest + 1);
+      for (const value of values) counts[value]++;
+    }
+    let below = counts[0], value = 0;
+    while (below <= rank(part)) below += counts[++value];
+    return value;
+  };
 }
 
 function mapViewer() {
@@ -80,7 +114,7 @@ function mapViewer() {
   }
 
   function tops() {
-    const own = sides().map((machine) => largest(values(machine)));
+    const own = sides().map((machine) => describe(values(machine) || NOTHING).largest);
     return state.shared ? own.map(() => Math.max(...own)) : own;
   }
 
@@ -309,20 +343,18 @@ function mapViewer() {
       numbers.replaceChildren();
       return;
     }
-    const of = sides().map((machine) => ({ machine, sorted: Float64Array.from(values(machine) || []).sort() }));
-    const at = (sorted, part) => sorted.length ? sorted[Math.min(sorted.length - 1, Math.floor(part * sorted.length))] : 0;
-    const sum = (sorted) => sorted.reduce((total, value) => total + value, 0);
+    const of = sides().map((machine) => ({ machine, figures: describe(values(machine) || NOTHING) }));
     const lines = [
-      ["sum", sum], ["largest", (s) => at(s, 1)], ["95th percentile", (s) => at(s, 0.95)], ["median", (s) => at(s, 0.5)],
-      ["mean", (s) => s.length ? sum(s) / s.length : 0],
-      ["not 0", (s) => s.length ? `${(100 * s.filter((v) => v > 0).length / s.length).toFixed(1)} %` : "0 %"],
+      ["sum", (f) => f.sum], ["largest", (f) => f.largest], ["95th percentile", (f) => f.at(0.95)], ["median", (f) => f.at(0.5)],
+      ["mean", (f) => f.length ? f.sum / f.length : 0],
+      ["not 0", (f) => `${(f.length ? 100 * f.some / f.length : 0).toFixed(1)} %`],
     ];
     numbers.replaceChildren(
       h("h3", {}, `The whole map: ${info().title}, ${info().unit} a ${info().per}`),
       h("div", { class: "beside" }, h("table", { id: "map-numbers" },
         several && h("thead", {}, h("tr", {}, h("td", {}), of.map((o) => h("th", { scope: "col", class: "number" }, nameOf(data.machines[o.machine]))))),
         h("tbody", {}, lines.map(([title, make]) => h("tr", {}, h("th", { scope: "row" }, title),
-          of.map((o) => { const v = make(o.sorted); return h("td", { class: "number" }, typeof v === "string" ? v : show(v)); }))))),
+          of.map((o) => { const v = make(o.figures); return h("td", { class: "number" }, typeof v === "string" ? v : show(v)); }))))),
       h("div", {}, h("button", { type: "button", id: "to-largest", onclick: () => toLargest() }, "Go to the largest"),
         info().per === "tile" && largestTiles())));
   }
@@ -468,7 +500,7 @@ function mapViewer() {
     }
     if (data.under !== null) {
       const found = await unpack(data.under);
-      const most = largest(found);
+      const most = found.reduce((a, b) => Math.max(a, b), 0);
       seen = Array.from({ length: most + 1 }, () => ({ pixels: 0, x0: width, y0: height, x1: -1, y1: -1 }));
       for (let i = 0; i < found.length; i++) {
         if (found[i] < 0) continue;
