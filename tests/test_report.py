@@ -315,6 +315,14 @@ def test_a_report_of_a_study_that_is_there_runs_nothing(study, tmp_path):
     assert collect_study(study, Blobs(), None)["columns"] == first["columns"]
 
 
+def test_the_python_in_the_docs_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = (Path(tiler.__file__).parent.parent / "docs" / "report.md").read_text()
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.S)
+    exec(code.replace("(640, 360)", "(64, 36), factor=2"), {})
+    assert [machine["name"] for machine in read_data(tmp_path / "waves.html")["machines"]] == ["triangle", "patch"]
+
+
 def test_bad_input_is_told(scene, frames, tmp_path, load):
     patch = frames["patch"]
     for shown, scenes, what in (

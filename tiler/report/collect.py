@@ -187,7 +187,7 @@ def _scene_facts(scene: Scene | None, frame: Frame) -> dict[str, str]:
 
 def _provenance(frames: Mapping[str, Frame], scene: Scene | None, command: str | None) -> Data:
     first = next(iter(frames.values()))
-    key = {} if scene is None else {"key of the baseline": frame_key(scene, first.machine, first.number)}
+    key = {} if scene is None else {"key of the baseline": frame_key(scene, first.machine, first.number)[:16]}
     return {
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": command or _python(frames),

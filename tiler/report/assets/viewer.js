@@ -192,7 +192,7 @@ function mapViewer() {
       legend.append(h("div", { class: "scale" },
         name && h("span", { class: "scale-name" }, name),
         h("div", { class: "ramp" }, bar, pointers),
-        h("div", { class: "ends" }, h("span", {}, "0"), h("span", {}, show(Math.round(half * 10) / 10)),
+        h("div", { class: "ends" }, h("span", {}, "0"), h("span", {}, show(most > 10 ? Math.round(half) : half)),
           h("span", {}, `${show(most)} ${info().unit} a ${info().per}`))));
     }
   }
@@ -236,7 +236,7 @@ function mapViewer() {
     return under ? under[y * width + x] : -1;
   }
 
-  /** Shows where the patch is seen. */
+  /** Shows where the patch is seen: its outline, and a breath of white inside that leaves the map's colours readable. */
   function drawPatch(patch) {
     if (patch === drawPatch.last) return;
     drawPatch.last = patch;
@@ -244,10 +244,13 @@ function mapViewer() {
     context.clearRect(0, 0, width, height);
     if (patch < 0) return;
     const { x0, y0, x1, y1 } = seen[patch];
-    const image = new ImageData(x1 - x0 + 1, y1 - y0 + 1);
+    const image = new ImageData(x1 - x0 + 1, y1 - y0 + 1), pixels = new Uint32Array(image.data.buffer);
     for (let y = y0; y <= y1; y++) {
       for (let x = x0; x <= x1; x++) {
-        if (patchAt(x, y) === patch) image.data.set([255, 255, 255, 100], 4 * ((y - y0) * image.width + x - x0));
+        if (patchAt(x, y) !== patch) continue;
+        const inside = x >= x0 + 2 && x <= x1 - 2 && y >= y0 + 2 && y <= y1 - 2 && patchAt(x - 2, y) === patch
+          && patchAt(x + 2, y) === patch && patchAt(x, y - 2) === patch && patchAt(x, y + 2) === patch;
+        pixels[(y - y0) * image.width + x - x0] = inside ? 0x30ffffff : 0xe0ffffff;
       }
     }
     context.putImageData(image, x0, y0);
