@@ -38,7 +38,7 @@ def _main(name: str, title: str) -> MapInfo:
 
 # In the order of the page's list: what architects look at first, then all others by stage.
 MAPS: dict[str, MapInfo] = {
-    "queue_entries": _main("queue_entries", "Queue length"),
+    "queue_entries": _main("queue_entries", "Queue length")._replace(text="Entries of each tile's queue."),
     "queue_bytes": MapInfo(
         "Queue bytes", "bytes", "tile", MAIN, "Bytes of each tile's list by the queue model, whole chunks; records that tiles "
         "share are in none.",

@@ -165,7 +165,7 @@ function framesPage() {
   const frames = new Set(data.machines.map((m) => m.frame));
   const about = [
     frames.size === 1 ? `Frame ${data.machines[0].frame}, ${data.size.join(" × ")} pixels` : `${data.size.join(" × ")} pixels`,
-    several ? `, ${data.machines.length} machines` : "",
+    several ? `, ${data.machines.length} ${frames.size === 1 ? "machines" : "frames"}` : "",
     several && frames.size === 1 ? h("span", { class: same ? "good" : "bad" },
       same ? "pictures bit-identical" : "pictures DIFFER") : null,
   ];

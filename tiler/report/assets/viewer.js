@@ -302,7 +302,7 @@ function mapViewer() {
       h("table", {}, heads, h("tbody", {}, rowsToTell().map(line))),
       h("h3", {}, `Pixel ${state.x}, ${state.y}`, state.pinned && h("small", {}, "held; click to let go")),
       h("div", { class: "pixel" }, loupe, h("div", {},
-        pixelMaps.length > 0 && h("table", {}, h("tbody", {}, pixelMaps.map(line))), patchText(machine))));
+        pixelMaps.length > 0 && h("table", {}, h("tbody", {}, pixelMaps.map(line))), under && patchText(machine))));
   }
 
   function nameText(machine) {
