@@ -74,6 +74,7 @@ def test_public_names_are_complete_and_documented():
         "scene_names",
         "simulate",
         "sweep",
+        "write_report",
     }
     assert dir(tiler) == sorted(tiler.__all__)
     for name in tiler.__all__:

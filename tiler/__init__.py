@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from tiler.extensions import register_cull_test as register_cull_test
     from tiler.extensions import unregister as unregister
     from tiler.frame import Frame as Frame
+    from tiler.report.write import write_report as write_report
     from tiler.scene import Scene as Scene
     from tiler.scene import load_scene as load_scene
     from tiler.scene import scene_names as scene_names
@@ -34,6 +35,7 @@ _HOME = {
     "simulate": "tiler.simulation",
     "sweep": "tiler.study.run",
     "unregister": "tiler.extensions",
+    "write_report": "tiler.report.write",
 }
 
 __all__ = [
@@ -50,6 +52,7 @@ __all__ = [
     "simulate",
     "sweep",
     "unregister",
+    "write_report",
 ]
 
 

@@ -78,12 +78,13 @@ def render_to_folder(
     heatmaps: Sequence[str] = (),
     threads: int | None = None,
     progress: Callable[[float], None] = lambda frames: None,
+    drawn: Callable[[Frame], None] = lambda frame: None,
 ) -> list[dict[str, Any]]:
     """Draw the frames into `folder`; their records, in order.
 
     One frame gives color.png, depth.npy and counters.json; several give color_0007.png and so on, and one counters.json
     with all their records at the end. That one also says where they come from: versions, commit, processor.
-    progress : called with the number of frames done.
+    progress : called with the number of frames done. drawn : called with each frame that is drawn, not found.
     """
     threads = available_threads() if threads is None else threads
     check_request(scene, machine, threads)  # before anything is left in the folder
@@ -98,6 +99,7 @@ def render_to_folder(
             part = _offset(progress, done)
             frame = simulate(scene, machine, frame=number, threads=threads, progress=part)
             record = frame_record(frame)
+            drawn(frame)
             write_png(folder / f"color{suffix}.png", frame.image())
             write_npy(folder / f"depth{suffix}.npy", frame.depth)
             for name in heatmaps:

@@ -23,6 +23,12 @@ def make_folder(folder: Path) -> None:
         ) from None
 
 
+def check_target(path: Path, option: str) -> None:
+    """Raise TilerError where a file cannot be written, before hours are spent on what it is to hold."""
+    if path.is_dir() or not path.absolute().parent.is_dir() or not os.access(path.absolute().parent, os.W_OK):
+        raise TilerError(f"{option}: {path} is not allowed; allowed: a file in a folder that can be written")
+
+
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a file. Interrupted at any point it leaves what was there before."""
     beside = path.with_name(f".{path.name}.{os.getpid()}")

@@ -1,10 +1,11 @@
 """`tiler compare` and `tiler cost`: machines side by side."""
 
 import sys
+from pathlib import Path
 from typing import Any, Literal
 
 from tiler.commands.options import JsonPath, Quiet
-from tiler.commands.output import tell_violations, write_result
+from tiler.commands.output import report_to, tell_violations, write_result
 from tiler.config import Machine
 from tiler.options import MachineOptions, SceneOptions, make_machine, open_scene, parse_factors, parse_machine
 
@@ -17,6 +18,7 @@ def compare(
     machine: tuple[str, ...] = (),
     cost: str | None = None,
     frame: float = 0,
+    report: Path | None = None,
     threads: int | None = None,
     json: JsonPath = None,
     quiet: Quiet = False,
@@ -38,6 +40,8 @@ def compare(
         Cost model by which to weigh the counters: munkberg2010, wide, or a .toml file.
     frame
         Which frame of the camera path.
+    report
+        Write a report too: one .html file with the machines side by side, maps over the picture and a divider between them.
     threads
         Threads of this computer to use; all by default.
     json
@@ -53,6 +57,10 @@ def compare(
 
     opened = open_scene(scene, scene_options or SceneOptions())
     machines = chosen_machines(machine, machine_options or MachineOptions())
+    if report is not None:
+        from tiler.report.command import check_report
+
+        check_report(report)
     if cost is not None:
         from tiler import cost_model
 
@@ -63,6 +71,8 @@ def compare(
         warm_up(machines.values())
         simulate(opened, next(iter(machines.values())), frame=frame, threads=threads)
         comparison = run(opened, machines, frame=frame, threads=threads, progress=bar.update)
+    if report is not None:
+        report_to(report, comparison, opened)
     same = comparison.same_picture()
     result: dict[str, Any] = {
         "scene": opened.name,

@@ -4,9 +4,14 @@ import json
 import sys
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tiler.errors import TilerWarning
+
+if TYPE_CHECKING:
+    from tiler.comparison import Comparison
+    from tiler.frame import Frame
+    from tiler.scene import Scene
 
 MOST_TOLD = 20  # violations of a frame that are printed
 
@@ -20,6 +25,14 @@ def write_result(value: Any, where: str | None) -> bool:
 
         write_json(Path(where), value)
     return where == "-"
+
+
+def report_to(file: Path, shown: "Frame | Comparison", scene: "Scene") -> None:
+    """Write the report of a frame or of machines side by side, with the command that was typed."""
+    from tiler.report.command import command_line
+    from tiler.report.write import write_report
+
+    write_report(shown, file, scene=scene, command=command_line())
 
 
 def tell_violations(where: str, record: dict[str, Any]) -> bool:

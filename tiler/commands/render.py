@@ -2,12 +2,15 @@
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tiler.commands.options import JsonPath, Quiet
-from tiler.commands.output import tell_violations, write_result
+from tiler.commands.output import report_to, tell_violations, write_result
 from tiler.errors import TilerError
 from tiler.options import MachineOptions, SceneOptions, make_machine, open_scene, parse_frames
+
+if TYPE_CHECKING:
+    from tiler.frame import Frame
 
 
 def render(
@@ -19,6 +22,7 @@ def render(
     frame: float = 0,
     frames: str | None = None,
     heatmap: str | None = None,
+    report: Path | None = None,
     threads: int | None = None,
     json: JsonPath = None,
     quiet: Quiet = False,
@@ -42,6 +46,8 @@ def render(
         Maps to draw as pictures with a scale beside the others, separated by commas: per-tile counters such as
         queue_entries, queue_bytes, wasted_samples, wasted_domain_points (with --blame), and per pixel overdraw,
         depth_complexity, bounds_overlap.
+    report
+        Write a report too: one .html file with the picture, maps over it, counters and where the work goes (one frame).
     threads
         Threads of this computer to use; all by default. The result does not depend on it.
     json
@@ -55,12 +61,22 @@ def render(
 
     numbers: list[Any] = [frame] if frames is None else list(parse_frames(frames))
     names = check_heatmaps([] if heatmap is None else heatmap.split(","))
+    if report is not None and len(numbers) > 1:
+        raise TilerError(f"report: {len(numbers)} frames are asked for; allowed: one, or tiler sweep for many")
+    if report is not None:
+        from tiler.report.command import check_report
+
+        check_report(report)
     opened = open_scene(scene, scene_options or SceneOptions())
     machine = make_machine(machine_options or MachineOptions())
     if "wasted_domain_points" in names and not machine.blame:
         raise TilerError("heatmap: 'wasted_domain_points' is not known of this machine; allowed: with --blame")
+    drawn: list[Frame] = []
     with Progress(f"rendering {opened.name}", len(numbers), quiet) as bar:
-        records = render_to_folder(opened, machine, numbers, out, names, threads, bar.update)
+        keep = drawn.append if report is not None else lambda frame: None
+        records = render_to_folder(opened, machine, numbers, out, names, threads, bar.update, keep)
+    if report is not None:
+        report_to(report, drawn[0], opened)
     if not write_result(render_result(opened, machine, records), json) and not quiet:
         from tiler.counters import Counters
 

@@ -20,6 +20,7 @@ def sweep(
     threads: int | None = None,
     csv: Path | None = None,
     parquet: Path | None = None,
+    report: Path | None = None,
     status: bool = False,
     merge: Annotated[tuple[Path, ...], Parameter(consume_multiple=True)] = (),
     retry_failed: bool = False,
@@ -52,6 +53,8 @@ def sweep(
         Write the table as CSV too, and a .json beside it with what its columns mean.
     parquet
         Write the table as Parquet too (needs duckdb).
+    report
+        Write a report too: one .html file with the table, plots of it and what failed.
     status
         Say how far a study is, and run nothing.
     merge
@@ -68,8 +71,8 @@ def sweep(
     from tiler.study.command import SweepRequest, run_command
 
     request = SweepRequest(
-        study, out, workers, scheduler, shard, threads, csv, parquet, status, merge, retry_failed, yes_run, quiet
-    )
+        study, out, workers, scheduler, shard, threads, csv, parquet, status, merge, retry_failed, yes_run, quiet, report
+    )  # fmt: skip
     summary = run_command(request)
     if not write_result(summary, json) and not quiet:
         print(summary["text"])

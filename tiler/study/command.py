@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from tiler.errors import TilerError
-from tiler.study.export import check_target, import_duckdb
+from tiler.files import check_target
+from tiler.report.command import check_report, command_line
+from tiler.study.export import import_duckdb
 from tiler.study.ledger import Ledger
 from tiler.study.plan import Plan
 from tiler.study.results import Study, load_study
@@ -30,6 +32,7 @@ class SweepRequest(NamedTuple):
     retry_failed: bool
     yes_run: int | None
     quiet: bool
+    report: Path | None = None
 
 
 def run_command(request: SweepRequest) -> dict[str, Any]:
@@ -38,6 +41,8 @@ def run_command(request: SweepRequest) -> dict[str, Any]:
     for path, option in ((request.csv, "csv"), (request.parquet, "parquet")):
         if path is not None:
             check_target(path, option)
+    if request.report is not None:
+        check_report(request.report)
     if request.parquet is not None:
         import_duckdb()
     start = time.monotonic()
@@ -52,6 +57,10 @@ def run_command(request: SweepRequest) -> dict[str, Any]:
         study.to_csv(request.csv)
     if request.parquet is not None:
         study.to_parquet(request.parquet)
+    if request.report is not None:
+        from tiler.report.write import write_report
+
+        write_report(study, request.report, command=command_line())
     return summary(study, time.monotonic() - start)
 
 
@@ -80,8 +89,11 @@ def _results_file(request: SweepRequest) -> Path:
         out = Path(request.study.stem + ".db")
     else:
         raise TilerError("study: missing; allowed: the path of a study file, or --out with a results file to look at")
-    if request.study is None and (request.merge or not (request.status or request.csv or request.parquet)):
-        raise TilerError("study: missing; allowed: the path of a study file (--status, --csv and --parquet need none)")
+    exported = request.csv or request.parquet or request.report
+    if request.study is None and (request.merge or not (request.status or exported)):
+        raise TilerError(
+            "study: missing; allowed: the path of a study file (--status, --csv, --parquet and --report need none)"
+        )
     if request.status and request.merge:
         raise TilerError("merge: stands beside --status; allowed: one of the two")
     return out

@@ -10,17 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tiler.errors import TilerError
-from tiler.files import write_json
+from tiler.files import check_target, write_json
 from tiler.study.ledger import open_results, quote, select
 
 if TYPE_CHECKING:
     from tiler.study.results import Study
-
-
-def check_target(path: Path, option: str) -> None:
-    """Raise TilerError where a file cannot be written, before a study is run for it."""
-    if path.is_dir() or not path.absolute().parent.is_dir() or not os.access(path.absolute().parent, os.W_OK):
-        raise TilerError(f"{option}: {path} is not allowed; allowed: a file in a folder that can be written")
 
 
 def import_duckdb() -> Any:
