@@ -147,6 +147,9 @@ def test_page_takes_the_table_between_its_marks(tmp_path: Path) -> None:
     text = document.read_text()
     assert text.startswith("before\n") and text.endswith("after\n") and "\nold\n" not in text
     assert "| figure-99 | cbox | 2 | 2.1 | boxes | +5.0 % | ±10 % | holds |" in text
+    assert "| 1 other check of what has no printed value |" in text
+    (picture,) = re.findall(r"\]\(([^)]+)\)", text)
+    assert (tmp_path / picture).read_bytes() == (tmp_path / "munkberg2010" / "figure-99.png").read_bytes()
     document.write_text("no marks")
     with pytest.raises(TilerError, match="begin munkberg2010"):
         reproduce(tmp_path, "--page", str(document))
@@ -253,3 +256,17 @@ def test_colours_are_one_each_within_a_kind() -> None:
     assert len({style.STYLES[name] for name in BOUNDS}) == len(BOUNDS)
     tests = [name for name in CULL_TESTS if name.startswith("backface:")]
     assert len({style.color_of(name) for name in tests}) == len(tests)
+
+
+def test_every_listed_item_is_there(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.undo()
+    cli.app(["reproduce", "--list"], exit_on_error=False, result_action="return_value")
+    listed = capsys.readouterr().out
+    document = (Path(__file__).resolve().parent.parent / "docs" / "reproduce.md").read_text()
+    for paper, title in catalog.PAPERS.items():
+        assert f"{paper}: {title}" in listed
+        assert f"<!-- begin {paper} -->\n" in document and f"<!-- end {paper} -->" in document
+        for name in catalog.item_names(paper):
+            item = catalog.load_item(paper, name)
+            assert (item.paper, item.name) == (paper, name)
+            assert item.title and item.title in listed

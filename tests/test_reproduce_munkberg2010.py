@@ -85,6 +85,7 @@ def test_splitting_in_chunks_changes_no_ratio(monkeypatch: pytest.MonkeyPatch) -
     whole = measure("spikelog", stage, ("tpatch",), 1)[0]
     monkeypatch.setattr("tiler.quality.CHUNK", 50)
     parts = measure("spikelog", stage, ("tpatch",), 1)[0]
+    assert measure("spikelog", stage, ("tpatch",), 1, threads=3)[0] == parts
     assert parts.patches == whole.patches == 384
     assert (parts.volume, parts.area, parts.summed) == pytest.approx(
         (whole.volume, whole.area, whole.summed), rel=1e-12

@@ -30,6 +30,7 @@ from pipeline.types import (
     Viewport,
 )
 from tiler import front_end
+from tiler.host import Host
 from tiler.scene import load_scene
 from tiler.scene.camera import camera_at
 from tiler.scene.model import Scene
@@ -113,16 +114,25 @@ def _areas(center: F64, axes: F64, matrix: F32) -> F64:
     return np.prod(np.ptp(clip[..., :2] / w, axis=1), axis=1)
 
 
-def measure(scene: str, stage: HullInput, names: Sequence[str] | None = None, splits: int = 0) -> list[Quality]:
-    """Quality of the named bounds (all without names) over the patches of a stage; `scene` is a name to print."""
+def measure(
+    scene: str, stage: HullInput, names: Sequence[str] | None = None, splits: int = 0, threads: int = 1
+) -> list[Quality]:
+    """Quality of the named bounds (all without names) over the patches of a stage; `scene` is a name to print.
+
+    threads : of this computer; the result does not depend on it.
+    """
     chosen = list(BOUNDS if names is None else names)
     n = len(stage.patches.control_points)
     step = max(1, CHUNK >> 2 * splits)
-    sums = {name: np.zeros(5) for name in chosen}
-    for begin in range(0, n, step):
-        part = rows_of_stage(stage, np.arange(begin, min(begin + step, n)))
-        for name, found in _measure_chunk(split_domains(part, splits) if splits else part, chosen).items():
-            sums[name] += found
+    chunks: list[dict[str, F64]] = [{}] * -(-n // step)
+
+    def work(c: int) -> None:
+        part = rows_of_stage(stage, np.arange(c * step, min((c + 1) * step, n)))
+        chunks[c] = _measure_chunk(split_domains(part, splits) if splits else part, chosen)
+
+    with Host(threads) as host:
+        host.run(work, len(chunks))
+    sums = {name: sum((found[name] for found in chunks), np.zeros(5)) for name in chosen}
     boxes = n << 2 * splits
     with np.errstate(divide="ignore", invalid="ignore"):
         return [

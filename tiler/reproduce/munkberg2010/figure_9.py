@@ -83,7 +83,7 @@ def _table(opened: Opened, extent: Extent, context: Context) -> dict[str, list[A
     work = [1 + 4**level for _, _, level in cases]
     for k, (kind, height, level) in enumerate(cases):
         stage = stage_of(KINDS[kind](opened.scene, extent, height))
-        for row in measure(opened.name, stage, BOUNDED, level):
+        for row in measure(opened.name, stage, BOUNDED, level, context.threads or 1):
             values = (kind, height, level, row.bound, row.patches, row.volume, row.summed)
             for column, value in zip(table.values(), values, strict=True):
                 column.append(value)
@@ -114,7 +114,7 @@ def _rows(table: dict[str, list[Any]], opened: Opened, extent: Extent) -> list[R
         kept = _without_worst(stage_of(with_height(opened.scene, extent, height)))
         allowed = within_factor(1.0, AS_LOOSE) if opened.original else None
         note = "" if opened.original else "the statement is about the paper's model"
-        few = "a few patches, see the page" if opened.original else note
+        few = "a few patches decide the sum" if opened.original else note
         what = f"height {height:g}: taylor / obbtex"
         rows.append(Row(what, 1.0, of["taylor"] / of["obbtex"], "", allowed, few))
         rows.append(Row(f"{what}, without the worst {WORST:.0%} of patches", 1.0, kept, "", allowed, note))
