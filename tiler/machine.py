@@ -41,8 +41,9 @@ def render_frame(scene: Scene, machine: Machine, number: float, host: Host, prog
     witness = None
     if machine.blame:
         watch = Watch(
-            tally.grid, scene.picture.samples, machine.coarse_z_block, machine.binning != "triangle", machine.reordered
-        )
+            tally.grid, scene.picture.samples, machine.coarse_z_block, machine.binning != "triangle", machine.reordered,
+            machine.occlusion_area == "hull",
+        )  # fmt: skip
         witness = Witness(watch, machine.binning, tally.walk)
     target = draw_frame(
         scene, machine, number, host, history, tally, memory, progress, keep_order=machine.blame, witness=witness
@@ -129,7 +130,7 @@ def draw_frame(
         live = front_to_back(live, units.bounds)
 
     # Per triangle and per tile: domain shader, primitives, binning, tile loop; a batch of units after the other.
-    tests = UnitTests()
+    tests = UnitTests(viewport, machine.occlusion_area == "hull")
     now, waiting = first_phase(machine, units, live, grid, history, tests)
     for phase in range(2 if machine.phased else 1):
         if phase == 1:
