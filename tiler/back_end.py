@@ -55,7 +55,7 @@ def make_rules(machine: Machine, phase: int = 0) -> Rules:
         pairs="occlusion" in tests,
         triangles=by_unit and "occlusion:triangle" in tests,
         blocks="occlusion:block" in tests,
-        hulls=by_unit and machine.occlusion_area == "hull",
+        hulls=by_unit and "occlusion" in tests and machine.occlusion_area == "hull",
         update=update,
     )
 

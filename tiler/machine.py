@@ -19,7 +19,7 @@ from tiler.domain_cache import vertex_misses
 from tiler.frame import Frame
 from tiler.front_end import Geometry
 from tiler.grid import make_grid
-from tiler.history import History, no_history, seen_patches
+from tiler.history import History, Reel, no_history, seen_patches
 from tiler.host import Host
 from tiler.order import number_triangles
 from tiler.phases import UnitTests, first_phase, second_phase
@@ -32,10 +32,20 @@ from tiler.tile import Target
 from tiler.units import Units, front_to_back, whole_patches
 
 
-def render_frame(scene: Scene, machine: Machine, number: float, host: Host, progress: Callable[[float], None]) -> Frame:
-    """One frame; arguments as in `tiler.simulate`, already checked."""
+def render_frame(
+    scene: Scene,
+    machine: Machine,
+    number: float,
+    host: Host,
+    progress: Callable[[float], None],
+    reel: Reel | None = None,
+) -> Frame:
+    """One frame; arguments as in `tiler.simulate`, already checked. reel : of the run that the frame belongs to."""
     start = time.perf_counter()
-    history = last_frame(scene, machine, number, host) if machine.phased else None
+    reel = reel or Reel()
+    history = None
+    if machine.phased:
+        history = reel.find(scene, machine, number) or last_frame(scene, machine, number, host)
     tally = Tally(scene, machine, make_grid(scene.picture.width, scene.picture.height, machine.tile))
     memory = make_queue_memory(machine, tally.grid, scene.picture.samples)
     witness = None
@@ -48,6 +58,7 @@ def render_frame(scene: Scene, machine: Machine, number: float, host: Host, prog
     target = draw_frame(
         scene, machine, number, host, history, tally, memory, progress, keep_order=machine.blame, witness=witness
     )
+    reel.keep(scene, machine, number, target)
     queues = memory.report()
     seconds = time.perf_counter() - start
     report = verify.Report((), ())
