@@ -29,6 +29,7 @@ from tiler.quality import quality_table
 from tiler.queue_models import load_queue_model, queue_model_names
 from tiler.scene import schema
 from tiler.scene.builders import BUILDERS, MESH_BUILDERS
+from tiler.scene.model import Scene
 
 ROOT = Path(__file__).resolve().parent.parent
 SIZE = (640, 360)
@@ -93,10 +94,14 @@ PICTURES: dict[str, Callable[[], Image.Image]] = {
 }
 
 
+def load_colonnade() -> Scene:
+    """The scene at full size."""
+    return tiler.load_scene("colonnade", size=(1920, 1080), factor=16)
+
+
 def counters_table() -> str:
     """README: machines side by side on colonnade."""
-    scene = tiler.load_scene("colonnade", size=(1920, 1080), factor=16)
-    frames = compare(scene, {name: Machine(**fields) for name, fields in MACHINES.items()}).frames
+    frames = compare(load_colonnade(), {name: Machine(**fields) for name, fields in MACHINES.items()}).frames
     lines = ["| counter | " + " | ".join(frames) + " |", "| --- |" + " ---: |" * len(frames)]
     for name in README_COUNTERS:
         lines.append(f"| `{name}` | " + " | ".join(f"{frame.counters[name]:,}" for frame in frames.values()) + " |")
@@ -123,19 +128,64 @@ def ideal_definitions() -> str:
 
 def blame_machines() -> dict[str, Machine]:
     """The machines of docs/blame.md."""
-    tight = EVERYTHING | {"bounds": "taylor_clamped", "coarse_z_block": 4}
+    rect, fine = {"occlusion_area": "rect"}, {"coarse_z_block": 4}
     parts = {"binning": "subpatch", "tile": 64}
     kinds: dict[str, dict[str, object]] = {
         "triangle": {"binning": "triangle", "cull": ()},
+        "patch, `rect`": EVERYTHING | rect,
         "patch": EVERYTHING,
-        "patch, tight bound, blocks of 4": tight,
+        "patch, `tpatch`": EVERYTHING | {"bounds": "tpatch"},
+        "patch, blocks of 4": EVERYTHING | fine,
         "patch, tiles of 128": EVERYTHING | {"tile": 128},
         "patch, `previous_frame`": EVERYTHING | {"z_feedback": "previous_frame"},
+        "subpatch, `rect`": EVERYTHING | parts | rect,
         "subpatch": EVERYTHING | parts,
-        "subpatch, tight bound, blocks of 4": tight | parts,
+        "subpatch, `tpatch`": EVERYTHING | parts | {"bounds": "tpatch"},
         "subpatch, `previous_frame`": EVERYTHING | parts | {"z_feedback": "previous_frame"},
     }
     return {name: Machine(**({"blame": True} | fields)) for name, fields in kinds.items()}
+
+
+def distance_machines() -> dict[str, Machine]:
+    """Machines that docs/blame.md compares with the ideal; the first is the baseline."""
+    patch, parts = ({**MACHINES[name], "blame": True} for name in ("patch, all", "subpatch, all"))
+    small: dict[str, object] = {"tile": 64, "subpatch_extent": 32.0}
+    kinds: dict[str, dict[str, object]] = {
+        "triangle": {**MACHINES["triangle"], "blame": True},
+        "patch, all, `rect`": patch | {"occlusion_area": "rect"},
+        "patch, all, `tpatch`": patch | {"bounds": "tpatch"},
+        "patch, all": patch,
+        "patch, all, `two_phase`": patch | {"z_feedback": "two_phase"},
+        "subpatch, all": parts,
+        "subpatch, all, tiles of 64, parts of 32": parts | small,
+        "subpatch, all, tiles of 64, parts of 32, `tpatch`": parts | small | {"bounds": "tpatch"},
+    }
+    return {name: Machine(**fields) for name, fields in kinds.items()}
+
+
+def distance_table() -> str:
+    """docs/blame.md: how far the best machines are from the ideal and from the baseline."""
+    scene = load_colonnade()
+    rows, baseline = [], None
+    for name, machine in distance_machines().items():
+        frame = tiler.simulate(scene, machine, frame=1)
+        assert frame.blame is not None
+        c, ideal = frame.counters, frame.blame.ideal
+        baseline = baseline or c
+        shaded, used = c["ds_invocations"], c["queue_bytes"]
+        whole = ideal["ideal_patches"] * (c["ts_domain_points"] // c["ts_patches"])
+        rows.append(
+            [
+                name, f"{shaded:,}", f"1/{baseline['ds_invocations'] / shaded:.1f}", f"{shaded / whole:.2f}",
+                f"{shaded / ideal['ideal_unit_points']:.2f}", f"{used:,}", f"1/{baseline['queue_bytes'] / used:,.0f}",
+                f"{c['cz_units_tested'] + c['cz_pairs_tested']:,}", f"{c['cz_cells_read']:,}",
+            ]
+        )  # fmt: skip
+    heads = [
+        "", "invocations", "of baseline", "/ ideal of patches", "/ ideal of units", "queue bytes", "of baseline",
+        "units and pairs tested", "cells read",
+    ]  # fmt: skip
+    return aligned_table(heads, rows)
 
 
 def blame_table() -> str:
@@ -317,6 +367,7 @@ TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
     "ideal": (ROOT / "docs" / "blame.md", ideal_definitions),
     "blame table": (ROOT / "docs" / "blame.md", blame_table),
     **{f"example: {part}": (ROOT / "docs" / "extending.md", partial(example_text, part)) for part in EXAMPLE_PARTS},
+    "distance table": (ROOT / "docs" / "blame.md", distance_table),
     "definitions": (ROOT / "docs" / "counters.md", definitions_table),
 }
 

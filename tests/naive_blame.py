@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tests.naive_machine import NaiveFrame, NaiveMachine, Triangle, Unit, simulate_naively
+from tests.naive_near_planes import naive_nearest
 from tiler.blame import BLAME, IDEAL
 from tiler.config import Machine
 from tiler.scene.camera import camera_at
@@ -134,6 +135,23 @@ class Judge:
             self.covering[unit.number] = any(self.m.covers(t, None) for t in self.m.shapes[unit.number])
         return self.covering[unit.number]
 
+    def still_hidden(self, event: Event) -> bool:
+        """Whether the machine's test of the unit would succeed with the depths of that moment."""
+        m, unit = self.m, event.unit
+        box = m.clipped(unit.rect)
+        if m.machine.occlusion_area == "rect":
+            return self.hidden(event, box, m.nearest(unit))
+        reached, size = m.reached(unit), m.machine.coarse_z_block
+        for by in range(box[1] // size, box[3] // size + 1):
+            for bx in range(box[0] // size, box[2] // size + 1):
+                x0, y0 = max(box[0], bx * size), max(box[1], by * size)
+                part = (x0, y0, min(box[2], bx * size + size - 1), min(box[3], by * size + size - 1))
+                if reached is not None and not reached(part):
+                    continue
+                if not self.hidden(event, part, naive_nearest(unit.bound, m.viewport, part)):
+                    return False
+        return True
+
     def hidden(self, event: Event, box: tuple[int, int, int, int], z: np.float32) -> bool:
         """By the depths of that moment, block by block."""
         columns, rows = self.m.tile_pixels(event.tile)
@@ -170,7 +188,7 @@ class Judge:
         if not event.tested:
             return "occluded_untested"
         m.tile = tile
-        if self.hidden(event, m.clipped(unit.rect), m.nearest(unit)):
+        if self.still_hidden(event):
             return "occluded_stale"
         boxes = [m.clipped(t.shape.box) for t in event.drawn]
         around = (

@@ -9,7 +9,7 @@ are the slow twins of their own tests.
 
 import math
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -37,6 +37,7 @@ from pipeline.vertex import make_patches
 from tests.naive import SAMPLE_OFFSETS
 from tests.naive_coarse_z import NaiveCoarseZ
 from tests.naive_near_planes import naive_nearest
+from tests.naive_outline import naive_lines, naive_reached
 from tests.naive_primitives import NaiveTriangle, naive_assemble, twice_area
 from tests.naive_queue_memory import NaiveQueueMemory
 from tiler.config import Machine
@@ -61,6 +62,7 @@ COUNTED_BY_TILE = (
     "ps_invocations", "ps_helper_invocations", "cz_pairs_tested", "cz_pairs_occluded", "cz_triangles_tested",
     "cz_triangles_occluded", "cz_blocks_tested", "cz_blocks_occluded", "cz_blocks_accepted", "cz_cells_read",
     "cz_hits_level_0", "cz_hits_level_1", "cz_hits_level_2", "cz_hits_level_3_up", "cz_updates", "dc_lookups", "dc_hits",
+    "cz_outlines_tested", "cz_outlines_missed",
 )  # fmt: skip
 HIT = ("cz_hits_level_0", "cz_hits_level_1", "cz_hits_level_2")
 
@@ -439,6 +441,26 @@ class NaiveMachine:
         """Least depth of a unit's bound in the tile at hand."""
         return naive_nearest(unit.bound, self.viewport, self.clipped(unit.rect))
 
+    def reached(self, unit: Unit) -> Callable[[tuple[int, int, int, int]], bool] | None:
+        """Whether the outline of a unit's bound reaches pixels; None if it has no outline."""
+        lines = naive_lines(unit.bound, self.viewport)
+        return None if lines is None else lambda box: naive_reached(lines, box)
+
+    def unit_hidden(self, unit: Unit, box: tuple[int, int, int, int], z: np.float32, largest: int) -> bool:
+        """Test these pixels of a unit, by rectangle with nearest depth z, or by hull; counted."""
+        if self.machine.occlusion_area == "rect":
+            return self.hidden(box, z, largest)
+        level, cells, asked, missed = self.coarse.hidden_hull(
+            box, lambda part: naive_nearest(unit.bound, self.viewport, part), self.reached(unit), self.strict, largest
+        )
+        for name, times in (("cz_cells_read", cells), ("cz_outlines_tested", asked), ("cz_outlines_missed", missed)):
+            for _ in range(times):
+                self.count(name)
+        if level is None:
+            return False
+        self.count(HIT[level] if level < 3 else "cz_hits_level_3_up")
+        return True
+
     def hidden(self, box: tuple[int, int, int, int], z: np.float32, largest: int) -> bool:
         """Test against the pyramid, cells of at most `largest` pixels; counted."""
         level, cells = self.coarse.hidden_at(box, z, self.strict, largest)
@@ -651,7 +673,7 @@ class NaiveMachine:
         """Test a unit whole; one that touches no pixel is not hidden, whatever stands there."""
         self.count("cz_units_tested")
         x0, y0, x1, y1 = unit.rect
-        return x0 <= x1 and y0 <= y1 and self.hidden(unit.rect, unit.bound.z_min[0], largest)
+        return x0 <= x1 and y0 <= y1 and self.unit_hidden(unit, unit.rect, unit.bound.z_min[0], largest)
 
     def run_phase(self, units: list[Unit]) -> None:
         queues: list[list[Unit]] = [[] for _ in range(self.tiles_x * self.tiles_y)]
@@ -682,7 +704,7 @@ class NaiveMachine:
                 self.count("queue_entries")
                 if "occlusion" in self.tests:
                     self.count("cz_pairs_tested")
-                    if self.hidden(self.clipped(unit.rect), self.nearest(unit), self.machine.tile):
+                    if self.unit_hidden(unit, self.clipped(unit.rect), self.nearest(unit), self.machine.tile):
                         self.count("cz_pairs_occluded")
                         continue
                 written: set = set()

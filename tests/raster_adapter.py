@@ -10,6 +10,7 @@ from tiler.coarse_z import depth_rows
 from tiler.config import Machine
 from tiler.grid import make_grid
 from tiler.host import Host
+from tiler.occlusion import make_sketch
 from tiler.rasterizer import MARGIN, SAMPLE_X, SAMPLE_Y
 from tiler.tile import NUM_TILE_COUNTS, Target, Work, process_tiles
 
@@ -64,11 +65,12 @@ def draw(positions: np.ndarray, width: int, height: int, samples: int) -> np.nda
         queue = bin_boxes(triangles.first, triangles.used, triangles.box, grid, host)
     machine = Machine(tile=TILE, binning="triangle")
     coarse = make_coarse_z(machine, grid)
-    work = Work(np.zeros((n, 4), np.int32), np.zeros(n, np.float32), np.zeros((n, 3, 3)), outcomes)
+    boxes = np.empty((0, 8, 4)), np.empty((0, 4))
+    work = Work(np.zeros((n, 4), np.int32), np.zeros(n, np.float32), np.zeros((n, 3, 3)), *boxes, outcomes)
     process_tiles(
-        0, grid.num_tiles, grid, make_rules(machine), queue, queue, work, triangles, NO_ORDER, window, points.normal,
+        0, grid.num_tiles, grid, make_rules(machine), queue, queue, work, viewport, triangles, NO_ORDER, window, points.normal,
         (SAMPLE_X[samples], SAMPLE_Y[samples], MARGIN[samples]), (np.float32(0), np.float32(1)), np.zeros(4, np.uint8), 0,
-        (0.0, 0.0, 1.0), True, True, target, coarse, depth_rows(target.depth), touched_blocks(coarse),
+        (0.0, 0.0, 1.0), True, True, target, coarse, depth_rows(target.depth), touched_blocks(coarse), make_sketch(),
         np.zeros(len(queue.item), np.uint8), np.zeros((grid.num_tiles, NUM_TILE_COUNTS), np.int64),
         np.empty(pixel.SCRATCH, np.float32),
     )  # fmt: skip

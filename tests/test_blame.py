@@ -62,6 +62,7 @@ ALL = [
     Machine(domain_cache="frame", cull=CZ_ALL, queue_order="front_to_back", bounds="tpatch"),
     Machine(cull=("frustum", *CZ_ALL), coarse_z_update="feed_forward", coarse_z_block=4),
     Machine(cull=CZ, z_feedback="two_phase", tile=16),
+    Machine(cull=CZ, occlusion_area="hull", coarse_z_block=4, tile=64, overlap="exact", bounds="tpatch"),
     Machine(cull=CZ, z_feedback="previous_frame", domain_cache="lru:20"),
     Machine(binning="subpatch", tile=16, subpatch_extent=8.0, cull=CZ, domain_cache="frame"),
     Machine(binning="subpatch", tile=16, subpatch_extent=8.0, cull=CZ, z_feedback="two_phase"),

@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 
 import tiler
+from pipeline.bounds.project import allocate
+from pipeline.types import Viewport
 from tests.naive_coarse_z import NaiveCoarseZ
 from tests.scenes import flat_patch, looking_along_y, patch_scene
-from tiler.coarse_z import build, make_pyramid, query_units
+from tiler.coarse_z import build, make_pyramid
 from tiler.config import Machine
 from tiler.grid import make_grid
+from tiler.occlusion import query_units
 
 
 @pytest.mark.parametrize("width, height", [(1, 1), (8, 8), (37, 21), (64, 32), (65, 33), (7, 130)])
@@ -30,7 +33,9 @@ def test_pyramid_and_queries_are_their_slow_twin(width, height, block, tile, sam
     x, y = np.sort(rng.integers(0, width + 1, (50, 2))), np.sort(rng.integers(0, height + 1, (50, 2)))
     rect = np.stack([x[:, 0], y[:, 0], x[:, 1], y[:, 1]], axis=1).astype(np.int32)
     z = (rng.integers(0, 10, 50) / 8).astype(np.float32)
-    level, cells = query_units(coarse, np.arange(50, dtype=np.int32), rect, z)
+    bounds = allocate(50)._replace(rect=rect, z_min=z)
+    viewport = Viewport(0, 0, width, height, 0.0, 1.0)
+    level, cells, _, _ = query_units(coarse, np.arange(50, dtype=np.int32), bounds, viewport)
     for k, (x0, y0, x1, y1) in enumerate(rect.tolist()):
         if x0 == x1 or y0 == y1:
             assert (level[k], cells[k]) == (-1, 0)

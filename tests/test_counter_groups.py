@@ -23,6 +23,8 @@ MACHINES = [
     Machine(tile=8, binning="subpatch", subpatch_extent=2.0, bounds="tpatch", cull=CZ, z_feedback="two_phase"),
     Machine(tile=8, binning="subpatch", subpatch_extent=2.0, cull=CZ, z_feedback="previous_frame"),
     Machine(tile=8, binning="subpatch", subpatch_extent=2.0, cull=(), queue_pool=4000, queue_policy="flush"),
+    Machine(tile=64, cull=CZ, occlusion_area="hull", coarse_z_block=4, queue_order="front_to_back"),
+    Machine(tile=16, cull=ALL, occlusion_area="hull", z_feedback="previous_frame", bounds="tpatch"),
     Machine(tile=16, binning="triangle", cull=ALL, queue_model="blocks29", vertex_cache=8),
     Machine(tile=16, queue_model="bins128", queue_pool=10_000, queue_policy="grow"),
 ]
@@ -76,6 +78,16 @@ def test_hits_are_what_is_hidden(frames):
         assert hits == units + c["cz_pairs_occluded"] + c["cz_triangles_occluded"]
         if frame.machine.binning == "patch":  # of a unit off the picture no cell is read
             assert c["cz_cells_read"] >= hits
+
+
+def test_outlines_are_asked_where_a_cell_does_not_hide_a_hull(frames):
+    moved = 0
+    for frame in frames:
+        c = frame.counters
+        assert c["cz_outlines_missed"] <= c["cz_outlines_tested"] <= c["cz_cells_read"]
+        assert c["cz_outlines_tested"] == 0 or frame.machine.occlusion_area == "hull"
+        moved += c["cz_outlines_missed"] > 0
+    assert moved >= 4
 
 
 def test_pairs_triangles_and_blocks_have_one_fate_each(frames):

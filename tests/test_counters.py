@@ -281,6 +281,7 @@ FULL = [
     Machine(binning="subpatch", tile=8, subpatch_extent=2.0, bounds="tpatch"),
     Machine(binning="subpatch", tile=8, subpatch_extent=2.0, bounds="tpatch", cull=()),
     Machine(bounds="tpatch", cull=("frustum", "occlusion"), z_feedback="previous_frame", tile=8),
+    Machine(bounds="tpatch", cull=("frustum", "occlusion"), occlusion_area="hull", coarse_z_block=4),
 ]
 
 

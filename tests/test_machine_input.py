@@ -66,6 +66,7 @@ def small() -> Scene:
         ({"coarse_z_block": 16, "tile": 8}, ["machine.coarse_z_block", "16", "at most the side of a tile, 8"]),
         ({"coarse_z_update": "lazy"}, ["machine.coarse_z_update", "'lazy'", "'recompute' or 'feed_forward'"]),
         ({"z_feedback": "next_frame"}, ["machine.z_feedback", "'next_frame'", "'two_phase'"]),
+        ({"occlusion_area": "box"}, ["machine.occlusion_area", "'box'", "'rect' or 'hull'"]),
         ({"queue_order": "back"}, ["machine.queue_order", "'back'", "'submit' or 'front_to_back'"]),
         ({"overlap": "hull"}, ["machine.overlap", "'hull'", "'rect' or 'exact'"]),
         ({"tile_walk": "peano"}, ["machine.tile_walk", "'peano'", "'hilbert'"]),

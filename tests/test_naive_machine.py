@@ -61,6 +61,17 @@ FULL_MACHINES = [
     Machine(tile=8, binning="subpatch", subpatch_extent=4.0, cull=CZ, z_feedback="previous_frame", tile_walk="morton"),
     Machine(tile=8, cull=CZ, domain_cache="lru:3", cores=2, queue_pool=120, queue_policy="flush", tile_walk="hilbert"),
     Machine(tile=8, cull=CZ, z_feedback="two_phase", queue_model="blocks64"),
+    Machine(tile=32, cull=CZ, occlusion_area="hull", coarse_z_block=4, bounds="tpatch", domain_cache="frame"),
+    Machine(
+        tile=64, cull=CZ_ALL, occlusion_area="hull", coarse_z_block=4, queue_order="front_to_back", overlap="exact"
+    ),
+    Machine(tile=16, cull=("frustum", *CZ_ALL), occlusion_area="hull", coarse_z_update="feed_forward", cores=2),
+    Machine(tile=16, cull=CZ, occlusion_area="hull", coarse_z_block=4, z_feedback="two_phase", bounds="tpatch"),
+    Machine(tile=8, cull=CZ_ALL, occlusion_area="hull", coarse_z_block=4, z_feedback="previous_frame"),
+    Machine(tile=32, binning="subpatch", subpatch_extent=4.0, cull=CZ, occlusion_area="hull", coarse_z_block=4),
+    Machine(
+        tile=16, binning="subpatch", subpatch_extent=4.0, cull=CZ, occlusion_area="hull", z_feedback="previous_frame"
+    ),
     Machine(
         tile=8,
         binning="subpatch",

@@ -23,6 +23,7 @@ from tiler.coarse_z import depth_rows
 from tiler.config import Machine
 from tiler.grid import make_grid
 from tiler.host import Host
+from tiler.occlusion import make_sketch
 from tiler.rasterizer import MARGIN, SAMPLE_X, SAMPLE_Y
 from tiler.tile import NUM_TILE_COUNTS, Target, TileCount, Work, process_tiles
 
@@ -121,14 +122,16 @@ def draw(assembled, width, height, samples, depth_range=(0.0, 1.0), tile=32, sha
         queue = bin_boxes(triangles.first, triangles.used, triangles.box, grid, host)
     machine = Machine(tile=tile, binning="triangle")
     coarse = make_coarse_z(machine, grid)
-    work = Work(np.zeros((patches, 4), np.int32), np.zeros(patches, F), np.zeros((patches, 3, 3)), outcomes)
+    boxes = np.empty((0, 8, 4)), np.empty((0, 4))
+    work = Work(np.zeros((patches, 4), np.int32), np.zeros(patches, F), np.zeros((patches, 3, 3)), *boxes, outcomes)
+    viewport = Viewport(0, 0, width, height, 0.0, 1.0)
     counts = np.zeros((grid.num_tiles, NUM_TILE_COUNTS), np.int64)
     process_tiles(
-        0, grid.num_tiles, grid, make_rules(machine), queue, queue, work, triangles, NO_ORDER, window,
+        0, grid.num_tiles, grid, make_rules(machine), queue, queue, work, viewport, triangles, NO_ORDER, window,
         assembled.points.normal, (SAMPLE_X[samples], SAMPLE_Y[samples], MARGIN[samples]),
         tuple(F(d) for d in depth_range), np.array([9, 8, 7, 6], np.uint8), int(shading), (0.0, 0.0, 1.0), True, True,
-        target, coarse, depth_rows(target.depth), touched_blocks(coarse), np.zeros(len(queue.item), np.uint8), counts,
-        np.empty(pixel.SCRATCH, F),
+        target, coarse, depth_rows(target.depth), touched_blocks(coarse), make_sketch(),
+        np.zeros(len(queue.item), np.uint8), counts, np.empty(pixel.SCRATCH, F),
     )  # fmt: skip
     place = np.full(len(triangles.vertex) + 1, -1)
     place[assembled.all()] = np.arange(triangles.used.sum())

@@ -94,6 +94,7 @@ FIELDS = {
     "how": tuple(BOUNDS_AND_CULLS),
     "z_feedback": ("none", "tile", "previous_frame", "two_phase"),
     "queue_order": ("submit", "front_to_back"),
+    "occlusion_area": ("rect", "hull"),
     "coarse_z_update": ("recompute", "feed_forward"),
     "domain_cache": ("none", "lru:5", "frame"),
     "overlap": ("rect", "exact"),
@@ -144,7 +145,7 @@ def test_a_sample_of_all_machines_draws_the_same_picture(load):
     assert check_machines(load, sampled_machines(24, 1), SCENES) == 24 * 2 * len(SCENES)
 
 
-PRODUCT_FRAMES = 2300  # of some 200,000: a quarter of an hour on one processor
+PRODUCT_FRAMES = 2300  # of some 400,000: a quarter of an hour on one processor
 
 
 @pytest.mark.slow

@@ -19,6 +19,7 @@ from tiler.config import Machine
 from tiler.files import make_folder, write_json, write_npy, write_png
 from tiler.frame import Frame
 from tiler.heatmaps import heatmap_picture
+from tiler.history import Reel
 from tiler.host import available_threads
 from tiler.provenance import provenance
 from tiler.queue_models import load_queue_model
@@ -89,7 +90,7 @@ def render_to_folder(
     threads = available_threads() if threads is None else threads
     check_request(scene, machine, threads)  # before anything is left in the folder
     make_folder(folder)
-    records = []
+    records, reel = [], Reel()
     for done, number in enumerate(numbers):
         suffix = f"_{number:04g}" if len(numbers) > 1 else ""
         ledger = folder / f"counters{suffix}.json"
@@ -97,7 +98,7 @@ def render_to_folder(
         record = _finished(folder, ledger, key, suffix, heatmaps) if suffix else None
         if record is None:
             part = _offset(progress, done)
-            frame = simulate(scene, machine, frame=number, threads=threads, progress=part)
+            frame = simulate(scene, machine, frame=number, threads=threads, progress=part, reel=reel)
             record = frame_record(frame)
             drawn(frame)
             write_png(folder / f"color{suffix}.png", frame.image())

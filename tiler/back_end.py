@@ -14,6 +14,7 @@ from tiler.front_end import Geometry
 from tiler.grid import Grid
 from tiler.host import Host
 from tiler.near_planes import planes_under
+from tiler.occlusion import make_sketch
 from tiler.overlap import bin_hulls, bin_triangles
 from tiler.rasterizer import MARGIN, SAMPLE_X, SAMPLE_Y
 from tiler.scene.model import Picture, Scene
@@ -54,6 +55,7 @@ def make_rules(machine: Machine, phase: int = 0) -> Rules:
         pairs="occlusion" in tests,
         triangles=by_unit and "occlusion:triangle" in tests,
         blocks="occlusion:block" in tests,
+        hulls=by_unit and "occlusion" in tests and machine.occlusion_area == "hull",
         update=update,
     )
 
@@ -127,8 +129,11 @@ def run_tiles(
     """
     picture = scene.picture
     viewport = Viewport(0, 0, grid.width, grid.height, 0.0, 1.0)
-    planes = planes_under(live if rules.pairs and rules.by_unit else live[:0], bounds, viewport)
-    work = Work(bounds.rect[live], bounds.z_min[live], planes, geometry.outcomes)
+    tested = live if rules.pairs and rules.by_unit else live[:0]
+    planes, hulls = planes_under(tested, bounds, viewport), tested if rules.hulls else live[:0]
+    work = Work(
+        bounds.rect[live], bounds.z_min[live], planes, bounds.corners[hulls], bounds.slack[hulls], geometry.outcomes
+    )
     pattern = (SAMPLE_X[picture.samples], SAMPLE_Y[picture.samples], MARGIN[picture.samples])
     depth_range = (np.float32(0.0), np.float32(1.0))
     background = np.array([*picture.background, 255], np.uint8)
@@ -139,9 +144,10 @@ def run_tiles(
 
     def work_off(c: int) -> None:
         process_tiles(
-            *chunks[c], grid, rules, bins.queue, bins.triangles, work, geometry.triangles, order, geometry.window,
-            geometry.points.normal, pattern, depth_range, background, shading, light, first_batch, last_batch, target,
-            coarse, rows, touched_blocks(coarse), outcome, tile_counts, np.empty(pixel.SCRATCH, np.float32),
+            *chunks[c], grid, rules, bins.queue, bins.triangles, work, viewport, geometry.triangles, order,
+            geometry.window, geometry.points.normal, pattern, depth_range, background, shading, light, first_batch,
+            last_batch, target, coarse, rows, touched_blocks(coarse), make_sketch(), outcome, tile_counts,
+            np.empty(pixel.SCRATCH, np.float32),
         )  # fmt: skip
 
     host.run(work_off, len(chunks))

@@ -18,13 +18,15 @@ from tiler.front_end import Geometry
 from tiler.grid import Grid
 from tiler.host import Host
 from tiler.near_planes import nearest_in, planes_under
+from tiler.occlusion import make_sketch
+from tiler.outline import make_lines, reached
 from tiler.rasterizer import SAMPLE_X, SAMPLE_Y
 from tiler.units import Units
 
 # Bits of what is noted of an entry.
 COVERED = 1  # it covers a sample of the tile
 PASSED = 2  # a sample of it passed the depth test
-FRESH = 4  # none did, and its own bound is behind all depths of the blocks that its rectangle touches
+FRESH = 4  # none did, and its own bound is behind all depths of the blocks that its rectangle, or hull, touches
 TRUE = 8  # none did, and so are the box and the nearest vertex of its triangles in the tile
 TESTED = 16  # the machine tested it, or its unit, against a pyramid
 
@@ -78,16 +80,39 @@ def _draw(t, box, triangles, window, order, sample_x, sample_y, film):
 
 
 @helper
+def _farthest(bx, by, rect, block_log2, film):
+    """The farthest depth, as it is now, in a block of the tile."""
+    far = np.float32(0.0)
+    for y in range(by << block_log2, min(((by + 1) << block_log2) - 1, rect[3]) + 1):
+        for x in range(bx << block_log2, min(((bx + 1) << block_log2) - 1, rect[2]) + 1):
+            for s in range(film.depth.shape[2]):
+                far = max(far, film.depth[y, x, s])
+    return far
+
+
+@helper
 def _behind(box, rect, z, strict, block_log2, film):
     """Whether z is hidden by the farthest depth, as it is now, of each block of the tile that `box` touches."""
     for by in range(box[1] >> block_log2, (box[3] >> block_log2) + 1):
         for bx in range(box[0] >> block_log2, (box[2] >> block_log2) + 1):
-            far = np.float32(0.0)
-            for y in range(by << block_log2, min(((by + 1) << block_log2) - 1, rect[3]) + 1):
-                for x in range(bx << block_log2, min(((bx + 1) << block_log2) - 1, rect[2]) + 1):
-                    for s in range(film.depth.shape[2]):
-                        far = max(far, film.depth[y, x, s])
-            if not hides(far, z, strict):
+            if not hides(_farthest(bx, by, rect, block_log2, film), z, strict):
+                return False
+    return True
+
+
+@helper
+def _hull_behind(box, rect, z_min, planes, corners, slack, viewport, strict, block_log2, sketch, film):
+    """Whether each block of the tile that `box` touches is not reached by the outline of a bound, or hides its depth there."""
+    has_lines = make_lines(corners, slack, viewport, sketch.corner, sketch.line)
+    for by in range(box[1] >> block_log2, (box[3] >> block_log2) + 1):
+        for bx in range(box[0] >> block_log2, (box[2] >> block_log2) + 1):
+            part = _clip(box, (
+                bx << block_log2, by << block_log2, ((bx + 1) << block_log2) - 1, ((by + 1) << block_log2) - 1
+            ))  # fmt: skip
+            if has_lines and not reached(sketch.line, part[0], part[1], part[2], part[3]):
+                continue
+            nearest = nearest_in(planes, z_min, part[0], part[1], part[2], part[3])
+            if not hides(_farthest(bx, by, rect, block_log2, film), nearest, strict):
                 return False
     return True
 
@@ -102,8 +127,8 @@ def _clip(box, rect):
 
 @kernel
 def _watch(
-    begin, end, grid, by_unit, strict, block_log2, queue, triangle_queue, units, rect_of, z_min, planes, triangles, order,
-    window, sample_x, sample_y, film, bits,
+    begin, end, grid, by_unit, by_hull, strict, block_log2, queue, triangle_queue, units, bounds, planes, viewport, triangles,
+    order, window, sample_x, sample_y, film, sketch, bits,
 ):  # fmt: skip
     for tile in range(begin, end):
         x0, y0 = (tile % grid.tiles_x) << grid.tile_log2, (tile // grid.tiles_x) << grid.tile_log2
@@ -129,10 +154,18 @@ def _watch(
                 for c in range(3):
                     nearest = min(nearest, max(window.z[triangles.vertex[t, c]], np.float32(0.0)))
             if found == COVERED:  # nothing was written, so the depths are those from before
-                r = rect_of[units[k]]
+                u = units[k]
+                r, z_min = bounds.rect[u], bounds.z_min[u]
                 box = _clip((r[0], r[1], r[2] - 1, r[3] - 1), rect)
-                bound = nearest_in(planes[k], z_min[units[k]], box[0], box[1], box[2], box[3])
-                if _behind(box, rect, bound, strict, block_log2, film):
+                if by_hull:
+                    corners, slack = bounds.corners[u], bounds.slack[u]
+                    fresh = _hull_behind(
+                        box, rect, z_min, planes[k], corners, slack, viewport, strict, block_log2, sketch, film
+                    )
+                else:
+                    bound = nearest_in(planes[k], z_min, box[0], box[1], box[2], box[3])
+                    fresh = _behind(box, rect, bound, strict, block_log2, film)
+                if fresh:
                     found |= FRESH
                 if _behind((left, top, right, bottom), rect, nearest, strict, block_log2, film):
                     found |= TRUE
@@ -151,12 +184,13 @@ class Watched(NamedTuple):
 class Watch:
     """The second drawing, pass by pass."""
 
-    def __init__(self, grid: Grid, samples: int, block: int, by_unit: bool, strict: bool) -> None:
-        """block : side of coarse Z's blocks, pixels. strict : coarse Z hides only what is strictly farther."""
+    def __init__(self, grid: Grid, samples: int, block: int, by_unit: bool, strict: bool, by_hull: bool) -> None:
+        """block : side of coarse Z's blocks, pixels. strict : coarse Z hides only what is strictly farther. by_hull : the
+        machine tests units by their hulls."""
         shape = (grid.height, grid.width, samples)
         self.film = Film(np.ones(shape, np.float32), np.full(shape, -1, np.int64))
         self.grid, self.samples, self.block_log2 = grid, samples, block.bit_length() - 1
-        self.by_unit, self.strict = by_unit, strict
+        self.by_unit, self.strict, self.by_hull = by_unit, strict, by_hull
         self.passes: list[Watched] = []
 
     def draw(
@@ -180,9 +214,9 @@ class Watch:
 
         def work(c: int) -> None:
             _watch(
-                *chunks[c], self.grid, self.by_unit, self.strict, self.block_log2, bins.queue, bins.triangles, batch,
-                units.bounds.rect, units.bounds.z_min, planes, geometry.triangles, order, geometry.window, sample_x,
-                sample_y, self.film, bits,
+                *chunks[c], self.grid, self.by_unit, self.by_hull, self.strict, self.block_log2, bins.queue,
+                bins.triangles, batch, units.bounds, planes, viewport, geometry.triangles, order, geometry.window,
+                sample_x, sample_y, self.film, make_sketch(), bits,
             )  # fmt: skip
 
         host.run(work, len(chunks))

@@ -142,20 +142,27 @@ def _all_hide(coarse, level, cx0, cy0, cx1, cy1, z, strict):
 
 
 @helper
-def hidden_at(coarse, x0, y0, x1, y1, z, strict, top):
-    """Level at which pixels x0..x1, y0..y1 (inclusive, in the picture) are seen to hide z, -1 for none; cells read.
-
-    Starts at the lowest level where they span at most 2x2 cells (not above `top`), and goes down to the blocks.
-    """
+def first_level(coarse, x0, y0, x1, y1, top):
+    """The lowest level, not above `top`, at which pixels x0..x1, y0..y1 span at most 2x2 cells."""
     log2 = coarse.block_log2
     level = 0
     while level < top and (
         (x1 >> (log2 + level)) - (x0 >> (log2 + level)) > 1 or (y1 >> (log2 + level)) - (y0 >> (log2 + level)) > 1
     ):
         level += 1
+    return level
+
+
+@helper
+def hidden_at(coarse, x0, y0, x1, y1, z, strict, top):
+    """Level at which pixels x0..x1, y0..y1 (inclusive, in the picture) are seen to hide z, -1 for none; cells read.
+
+    Starts at `first_level`, and goes down to the blocks.
+    """
+    level = first_level(coarse, x0, y0, x1, y1, top)
     cells = 0
     while level >= 0:
-        shift = log2 + level
+        shift = coarse.block_log2 + level
         hidden, read = _all_hide(
             coarse, level, x0 >> shift, y0 >> shift, x1 >> shift, y1 >> shift, z, strict
         )  # fmt: skip
@@ -164,25 +171,3 @@ def hidden_at(coarse, x0, y0, x1, y1, z, strict, top):
             return level, cells
         level -= 1
     return -1, cells
-
-
-@kernel
-def _query_units(coarse, numbers, rect, z_min, strict, level, cells):
-    top = len(coarse.first) - 1
-    for i in range(len(numbers)):
-        x0, y0, x1, y1 = rect[numbers[i]]
-        if x0 < x1 and y0 < y1:
-            level[i], cells[i] = hidden_at(coarse, x0, y0, x1 - 1, y1 - 1, z_min[numbers[i]], strict, top)
-        else:
-            level[i], cells[i] = -1, 0
-
-
-def query_units(coarse: CoarseZ, numbers: I32, rect: I32, z_min: F32) -> tuple[I64, I64]:
-    """Test patches or sub-domains whole against the picture's pyramid, strictly.
-
-    numbers : which. rect : int32[n, 4] pixels x0 y0 x1 y1, ends exclusive, of all; z_min : float32[n] likewise.
-    Returns int64[len(numbers)] each: the level at which it is seen to be hidden, -1 if it is not; cells read.
-    """
-    level, cells = np.empty(len(numbers), np.int64), np.empty(len(numbers), np.int64)
-    _query_units(coarse, numbers, rect, z_min, True, level, cells)
-    return level, cells

@@ -12,19 +12,20 @@ from tiler.scene.model import Scene
 from tiler.simulation import simulate
 
 EVERYTHING: dict[str, object] = {
-    "bounds": "tpatch",
+    "bounds": "cbox",
     "cull": ("frustum", "backface:tessellation_safe", "occlusion", "occlusion:triangle"),
     "queue_order": "front_to_back",
     "domain_cache": "frame",
     "overlap": "exact",
+    "occlusion_area": "hull",
 }
 
 MACHINES: dict[str, dict[str, object]] = {
     "triangle": {"binning": "triangle", "cull": ()},  # what exists: shades every patch, bins triangles
     "patch": {"binning": "patch"},
     "patch, frame cache": {"binning": "patch", "domain_cache": "frame"},
-    "patch, all": {"binning": "patch", **EVERYTHING},
-    "subpatch, all": {"binning": "subpatch", "tile": 64, **EVERYTHING},
+    "patch, all": {"binning": "patch", "tile": 128, **EVERYTHING},
+    "subpatch, all": {"binning": "subpatch", "tile": 128, "subpatch_extent": 128.0, **EVERYTHING},
 }
 
 

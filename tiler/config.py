@@ -35,6 +35,8 @@ class Machine(BaseModel):
     z_feedback : what the occlusion tests read: `tile` (the tile's own pyramid, kept up to date while its queue is worked
         off), `previous_frame` or `two_phase` (docs/coarse-z.md), `none` (no such test is made).
     queue_order : `submit`, or `front_to_back` by the nearest depth of the bound.
+    occlusion_area : what test `occlusion` asks about of a patch or a sub-domain: its `rect`, with one nearest depth in it,
+        or its `hull` on the screen, with a nearest depth for each cell of the pyramid (docs/coarse-z.md).
     coarse_z_block : side in pixels of the pyramid's finest blocks, a power of two, at most a tile.
     coarse_z_update : with feedback `tile`: `recompute` touched blocks after each queue entry, or `feed_forward`: lower a
         block's farthest depth when one triangle covers all of it.
@@ -67,6 +69,7 @@ class Machine(BaseModel):
     cull: tuple[str, ...] = ("frustum",)
     z_feedback: Literal["none", "tile", "previous_frame", "two_phase"] = "tile"
     queue_order: Literal["submit", "front_to_back"] = "submit"
+    occlusion_area: Literal["rect", "hull"] = "rect"
     coarse_z_block: int = 8
     coarse_z_update: Literal["recompute", "feed_forward"] = "recompute"
     domain_cache: str = "none"

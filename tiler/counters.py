@@ -131,6 +131,11 @@ DEFINITIONS: dict[str, Definition] = {
         "coarse Z", "blocks", "Blocks in which the triangle is nearer than all: its depth test need not read the depths."
     ),
     "cz_cells_read": Definition("coarse Z", "cells", "Cells of pyramids read by tests of units, pairs and triangles."),
+    "cz_outlines_tested": Definition(
+        "coarse Z", "tests", "Cells that do not hide a unit, and are asked whether the outline of its bound reaches them "
+        "(`occlusion_area=\"hull\"`).",
+    ),
+    "cz_outlines_missed": Definition("coarse Z", "cells", "Cells that it does not reach, which therefore hide the unit."),
     "cz_hits_level_0": Definition("coarse Z", "tests", "Units, pairs and triangles found hidden at level 0, the blocks."),
     "cz_hits_level_1": Definition("coarse Z", "tests", "Units, pairs and triangles found hidden at level 1, 2x2 blocks."),
     "cz_hits_level_2": Definition("coarse Z", "tests", "Units, pairs and triangles found hidden at level 2, 4x4 blocks."),

@@ -19,7 +19,7 @@ from tiler.domain_cache import vertex_misses
 from tiler.frame import Frame
 from tiler.front_end import Geometry
 from tiler.grid import make_grid
-from tiler.history import History, no_history, seen_patches
+from tiler.history import History, Reel, no_history, seen_patches
 from tiler.host import Host
 from tiler.order import number_triangles
 from tiler.phases import UnitTests, first_phase, second_phase
@@ -32,21 +32,33 @@ from tiler.tile import Target
 from tiler.units import Units, front_to_back, whole_patches
 
 
-def render_frame(scene: Scene, machine: Machine, number: float, host: Host, progress: Callable[[float], None]) -> Frame:
-    """One frame; arguments as in `tiler.simulate`, already checked."""
+def render_frame(
+    scene: Scene,
+    machine: Machine,
+    number: float,
+    host: Host,
+    progress: Callable[[float], None],
+    reel: Reel | None = None,
+) -> Frame:
+    """One frame; arguments as in `tiler.simulate`, already checked. reel : of the run that the frame belongs to."""
     start = time.perf_counter()
-    history = last_frame(scene, machine, number, host) if machine.phased else None
+    reel = reel or Reel()
+    history = None
+    if machine.phased:
+        history = reel.find(scene, machine, number) or last_frame(scene, machine, number, host)
     tally = Tally(scene, machine, make_grid(scene.picture.width, scene.picture.height, machine.tile))
     memory = make_queue_memory(machine, tally.grid, scene.picture.samples)
     witness = None
     if machine.blame:
         watch = Watch(
-            tally.grid, scene.picture.samples, machine.coarse_z_block, machine.binning != "triangle", machine.reordered
-        )
+            tally.grid, scene.picture.samples, machine.coarse_z_block, machine.binning != "triangle", machine.reordered,
+            machine.occlusion_area == "hull",
+        )  # fmt: skip
         witness = Witness(watch, machine.binning, tally.walk)
     target = draw_frame(
         scene, machine, number, host, history, tally, memory, progress, keep_order=machine.blame, witness=witness
     )
+    reel.keep(scene, machine, number, target)
     queues = memory.report()
     seconds = time.perf_counter() - start
     report = verify.Report((), ())
@@ -129,7 +141,7 @@ def draw_frame(
         live = front_to_back(live, units.bounds)
 
     # Per triangle and per tile: domain shader, primitives, binning, tile loop; a batch of units after the other.
-    tests = UnitTests()
+    tests = UnitTests(viewport, machine.occlusion_area == "hull")
     now, waiting = first_phase(machine, units, live, grid, history, tests)
     for phase in range(2 if machine.phased else 1):
         if phase == 1:

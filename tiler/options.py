@@ -58,6 +58,8 @@ class MachineOptions:
     "What the occlusion tests read."
     queue_order: Literal["submit", "front_to_back"] | None = None
     "Order in which a tile works off its queue."
+    occlusion_area: Literal["rect", "hull"] | None = None
+    "What of a patch or sub-domain is tested against coarse Z: its rectangle, or its hull cell by cell."
     coarse_z_block: int | None = None
     "Side in pixels of the coarse Z pyramid's finest blocks."
     coarse_z_update: Literal["recompute", "feed_forward"] | None = None

@@ -14,37 +14,45 @@ So both are exact. They differ in what the first phase draws: `two_phase` asks f
 patch that moved behind another; `previous_frame` asks where the patch is now, and draws all of what comes into view where
 the last frame saw something far.
 
-Both test a unit by its whole rectangle on the screen; in the second phase its tiles test again, by the part of the rectangle
-that they hold. The pyramid does not change within a phase. All tests are strict: the order of drawing is not that of submit.
+Both test a unit whole, by its rectangle or its hull on the screen; in the second phase its tiles test again, by the part that
+they hold. The pyramid does not change within a phase. All tests are strict: the order of drawing is not that of submit.
 """
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.types import I32, I64
-from tiler.coarse_z import CoarseZ, build, make_pyramid, query_units
+from pipeline.types import I32, I64, Viewport
+from tiler.coarse_z import CoarseZ, build, make_pyramid
 from tiler.config import Machine
 from tiler.grid import Grid
 from tiler.history import History
+from tiler.occlusion import query_units
 from tiler.units import Units
 
 
 @dataclass
 class UnitTests:
-    """Tests of whole units against the pyramid of the picture."""
+    """Tests of whole units against the pyramid of the picture; by_hull : area `hull` (`tiler/occlusion.py`)."""
 
+    viewport: Viewport
+    by_hull: bool
     tested: int = 0
     occluded: int = 0  # for good
     stale: int = 0  # hidden in the last frame's pyramid, not in this frame's
     cells: int = 0
+    outlines: int = 0  # cells asked whether the outline reaches them
+    misses: int = 0  # those that it does not reach
     hits: I64 = field(default_factory=lambda: np.zeros(4, np.int64))  # hidden at level 0, 1, 2, 3 or above
 
     def query(self, coarse: CoarseZ, numbers: I32, units: Units) -> np.ndarray:
         """Whether each unit is hidden, bool[len(numbers)]; counted."""
-        level, cells = query_units(coarse, numbers, units.bounds.rect, units.bounds.z_min)
+        answers = query_units(coarse, numbers, units.bounds, self.viewport, self.by_hull)
+        level = answers.level
         self.tested += len(numbers)
-        self.cells += int(cells.sum())
+        self.cells += int(answers.cells.sum())
+        self.outlines += int(answers.outlines.sum())
+        self.misses += int(answers.misses.sum())
         self.hits += np.bincount(np.minimum(level[level >= 0], 3), minlength=4)
         return level >= 0
 

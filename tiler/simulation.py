@@ -7,6 +7,7 @@ from numbers import Real
 from tiler.config import Machine
 from tiler.errors import TilerError
 from tiler.frame import Frame
+from tiler.history import Reel
 from tiler.host import Host, available_threads
 from tiler.machine import render_frame
 from tiler.memory import check_picture
@@ -20,12 +21,15 @@ def simulate(
     frame: float = 0,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
+    reel: Reel | None = None,
 ) -> Frame:
     """Draw one frame of a scene on a machine, and count what the machine does.
 
     scene : what `tiler.load_scene` gives. machine : `tiler.Machine()` by default. frame : place on the camera path, in
     frames. threads : host threads, all by default; they change the time taken and nothing else. progress : called with
-    the part that is done, 0 to 1, after each batch of patches; an exception that it raises ends the simulation.
+    the part that is done, 0 to 1, after each batch of patches; an exception that it raises ends the simulation. reel :
+    one `tiler.history.Reel` for all frames of a run, drawn one after the other: a machine that looks back at the last frame
+    takes it from there, and draws it anew only where it was not drawn. The frame is the same, bit for bit.
 
     Raises TilerError if an argument is not allowed or the picture does not fit into memory.
     """
@@ -33,7 +37,7 @@ def simulate(
     threads = available_threads() if threads is None else threads
     check_request(scene, machine, threads, frame)
     with Host(threads) as host:
-        return render_frame(scene, machine, frame, host, progress or (lambda part: None))
+        return render_frame(scene, machine, frame, host, progress or (lambda part: None), reel)
 
 
 def check_request(scene: Scene, machine: Machine, threads: int, frame: float = 0) -> None:

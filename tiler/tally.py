@@ -51,6 +51,8 @@ TILE_COUNTERS = {
     "cz_blocks_occluded": TileCount.BLOCKS_OCCLUDED,
     "cz_blocks_accepted": TileCount.BLOCKS_ACCEPTED,
     "cz_cells_read": TileCount.CELLS_READ,
+    "cz_outlines_tested": TileCount.OUTLINES_TESTED,
+    "cz_outlines_missed": TileCount.OUTLINES_MISSED,
     "cz_hits_level_0": TileCount.HITS_0,
     "cz_hits_level_1": TileCount.HITS_1,
     "cz_hits_level_2": TileCount.HITS_2,
@@ -100,6 +102,8 @@ class Tally:
             "queue_bytes": 0,
             "ds_invocations": 0,  # of the front end
             "cz_cells_read": 0,  # by tests of whole units
+            "cz_outlines_tested": 0,
+            "cz_outlines_missed": 0,
             "cz_hits_level_0": 0,
             "cz_hits_level_1": 0,
             "cz_hits_level_2": 0,
@@ -173,6 +177,8 @@ class Tally:
             "cz_units_occluded": tests.occluded,
             "cz_stale_rejects": tests.stale,
             "cz_cells_read": tests.cells,
+            "cz_outlines_tested": tests.outlines,
+            "cz_outlines_missed": tests.misses,
         }
         for name, hits in zip(("0", "1", "2", "3_up"), tests.hits, strict=True):
             self.values[f"cz_hits_level_{name}"] = int(hits)

@@ -23,6 +23,7 @@ from pipeline.primitives import NUM_OUTCOMES
 from pipeline.types import F32, F64, I32, I64, U8
 from tiler.coarse_z import hidden_at, hides, propagate, recompute_block
 from tiler.near_planes import nearest_in
+from tiler.occlusion import hidden_hull
 from tiler.rasterizer import IN_LOOP, depth_limits, fill_small, rasterize
 from tiler.shading import shade_tile
 
@@ -55,12 +56,15 @@ class TileCount(IntEnum):
     UPDATES = NUM_OUTCOMES + 20
     CACHE_LOOKUPS = NUM_OUTCOMES + 21
     CACHE_HITS = NUM_OUTCOMES + 22
+    OUTLINES_TESTED = NUM_OUTCOMES + 23
+    OUTLINES_MISSED = NUM_OUTCOMES + 24
 
 
 NUM_TILE_COUNTS = NUM_OUTCOMES + len(TileCount)
 (
     _ENTRIES, _DS, _TRIANGLES, _OUTSIDE, _COVERED, _PASSED, _PS, _HELPERS, _PAIRS, _PAIRS_HIDDEN, _TESTED, _HIDDEN, _BLOCKS,
-    _BLOCKS_HIDDEN, _BLOCKS_ACCEPTED, _CELLS, _HITS, _, _, _, _UPDATES, _, _,
+    _BLOCKS_HIDDEN, _BLOCKS_ACCEPTED, _CELLS, _HITS, _, _, _, _UPDATES, _, _, _OUTLINES,
+    _MISSES,
 ) = (int(c) for c in TileCount)  # fmt: skip
 TILE_GRID = int(Shade.TILE_GRID)
 
@@ -90,6 +94,7 @@ class Rules(NamedTuple):
     pairs: bool  # the tests against coarse Z: queue entries,
     triangles: bool  # triangles of units,
     blocks: bool  # blocks of a triangle's box
+    hulls: bool  # a unit is tested by its hull, not by its rectangle (`tiler/occlusion.py`)
     update: int  # one of KEEP, RECOMPUTE, FEED_FORWARD
 
 
@@ -103,6 +108,8 @@ class Work(NamedTuple):
     rect: I32  # (live, 4) pixels x0 y0 x1 y1, ends exclusive
     z_min: F32  # (live,)
     planes: F64  # (live, near_planes.MOST, 3) planes under its bound
+    corners: F64  # (live, 8, 4) of its bound in clip space, and
+    slack: F64  # (live, 4) what these may be off; of no rows where units are not tested by their hulls
     outcomes: I64  # (live, NUM_OUTCOMES) what its clipping and set-up gives, for replay in every tile that works on it
 
 
@@ -253,14 +260,31 @@ def _triangle_hidden(box, lo, rules, coarse, counts):
 
 
 @helper
-def _begin_unit(k, q, rect, rules, work, triangles, coarse, outcome, counts):
+def _unit_hidden(k, box, rules, work, viewport, coarse, sketch, counts):
+    """Test unit k, pixels `box` of it, against the tile's pyramid."""
+    if not rules.hulls:
+        nearest = nearest_in(work.planes[k], work.z_min[k], box[0], box[1], box[2], box[3])
+        return _hidden(box, nearest, rules, coarse, counts)
+    level, cells, asked, missed = hidden_hull(
+        coarse, box, work.z_min[k], work.planes[k], work.corners[k], work.slack[k], viewport, rules.ties,
+        coarse.tile_level, sketch,
+    )  # fmt: skip
+    counts[_CELLS] += cells
+    counts[_OUTLINES] += asked
+    counts[_MISSES] += missed
+    if level >= 0:
+        counts[_HITS + min(level, 3)] += 1
+    return level >= 0
+
+
+@helper
+def _begin_unit(k, q, rect, rules, work, viewport, triangles, coarse, sketch, outcome, counts):
     """Test unit k against coarse Z; whether it is hidden. If it is not, count what the tile does for it."""
     if rules.pairs:
         r = work.rect[k]
         box = (max(r[0], rect[0]), max(r[1], rect[1]), min(r[2] - 1, rect[2]), min(r[3] - 1, rect[3]))
         counts[_PAIRS] += 1
-        nearest = nearest_in(work.planes[k], work.z_min[k], box[0], box[1], box[2], box[3])
-        if _hidden(box, nearest, rules, coarse, counts):
+        if _unit_hidden(k, box, rules, work, viewport, coarse, sketch, counts):
             counts[_PAIRS_HIDDEN] += 1
             outcome[q] = 1
             return True
@@ -300,8 +324,8 @@ def _draw_blocks(
 
 @helper
 def _work_off(
-    tile, rect, rules, queue, triangle_queue, work, triangles, order, window, pattern, depth_range, target, coarse, rows,
-    touched, outcome, counts,
+    tile, rect, rules, queue, triangle_queue, work, viewport, triangles, order, window, pattern, depth_range, target,
+    coarse, rows, touched, sketch, outcome, counts,
 ):  # fmt: skip
     """Work off the tile's queue in order; the rows in which something passed. Of a unit those triangles are drawn that are
     binned to the tile.
@@ -333,7 +357,7 @@ def _work_off(
             first, last = triangles.first[k], triangles.first[k + 1]
             while place < end and item[place] < first:
                 place += 1
-            if _begin_unit(k, q, rect, rules, work, triangles, coarse, outcome, counts):
+            if _begin_unit(k, q, rect, rules, work, viewport, triangles, coarse, sketch, outcome, counts):
                 continue
         while place < end and item[place] < last:
             t = item[place]
@@ -386,8 +410,8 @@ def _work_off(
 
 @kernel
 def process_tiles(
-    begin, end, grid, rules, queue, triangle_queue, work, triangles, order, window, normal, pattern, depth_range,
-    background, shading, light, first_batch, last_batch, target, coarse, rows, touched, outcome, counts, scratch,
+    begin, end, grid, rules, queue, triangle_queue, work, viewport, triangles, order, window, normal, pattern, depth_range,
+    background, shading, light, first_batch, last_batch, target, coarse, rows, touched, sketch, outcome, counts, scratch,
 ):  # fmt: skip
     """Work off the queues of tiles begin .. end-1, and shade what is seen at the end.
 
@@ -408,8 +432,8 @@ def process_tiles(
             _clear((x0, y0, min(x0 + (in_row << tile_log2), grid.width) - 1, rect[3]), background, target)
         if queue.first[tile] < queue.first[tile + 1]:
             first_row, last_row = _work_off(
-                tile, rect, rules, queue, triangle_queue, work, triangles, order, window, pattern, depth_range, target,
-                coarse, rows, touched, outcome, counts[tile],
+                tile, rect, rules, queue, triangle_queue, work, viewport, triangles, order, window, pattern, depth_range,
+                target, coarse, rows, touched, sketch, outcome, counts[tile],
             )  # fmt: skip
             if first_row <= last_row:
                 drawn = (x0, first_row, rect[2], last_row)
