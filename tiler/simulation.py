@@ -11,6 +11,7 @@ from tiler.host import Host, available_threads
 from tiler.machine import render_frame
 from tiler.memory import check_picture
 from tiler.scene.model import Scene
+from tiler.shared import Shared
 
 
 def simulate(
@@ -20,12 +21,15 @@ def simulate(
     frame: float = 0,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
+    shared: Shared | None = None,
 ) -> Frame:
     """Draw one frame of a scene on a machine, and count what the machine does.
 
     scene : what `tiler.load_scene` gives. machine : `tiler.Machine()` by default. frame : place on the camera path, in
     frames. threads : host threads, all by default; they change the time taken and nothing else. progress : called with
-    the part that is done, 0 to 1, after each batch of patches; an exception that it raises ends the simulation.
+    the part that is done, 0 to 1, after each batch of patches; an exception that it raises ends the simulation. shared :
+    a `tiler.Shared` that frames of one scene on several machines are given, one after the other: stages that a change of
+    machine does not touch are not run again. The frame is the same, bit for bit.
 
     Raises TilerError if an argument is not allowed or the picture does not fit into memory.
     """
@@ -33,7 +37,10 @@ def simulate(
     threads = available_threads() if threads is None else threads
     check_request(scene, machine, threads, frame)
     with Host(threads) as host:
-        return render_frame(scene, machine, frame, host, progress or (lambda part: None))
+        if shared is None:
+            return render_frame(scene, machine, frame, host, progress or (lambda part: None))
+        shared.begin()
+        return render_frame(scene, machine, frame, host, progress or (lambda part: None), shared)
 
 
 def check_request(scene: Scene, machine: Machine, threads: int, frame: float = 0) -> None:
