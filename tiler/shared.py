@@ -23,8 +23,9 @@ from tiler.memory import available_bytes
 Result = TypeVar("Result")
 
 MOST_BYTES = 512 << 20
+LEFT = 0.75  # of the bound, after making room: so that it is not done for each result
 POINT_BYTES = 112  # of a frame's points, window and triangles, for each domain point
-PLAIN = (str, int, float, type(None), Machine)
+PLAIN = frozenset((str, int, float, bool, type(None), Machine))
 
 
 class Stages(Protocol):
@@ -38,6 +39,9 @@ class Stages(Protocol):
     def same(self, array: np.ndarray) -> np.ndarray:
         """`array`, or the first one that was equal to it."""
 
+    def own(self, array: np.ndarray) -> np.ndarray:
+        """`array` for a user, who may write to it."""
+
 
 class Alone:
     """Stages of a frame that has nothing in common with another: they run."""
@@ -49,6 +53,10 @@ class Alone:
         return stage(*arguments)
 
     def same(self, array: np.ndarray) -> np.ndarray:
+        """`array`."""
+        return array
+
+    def own(self, array: np.ndarray) -> np.ndarray:
         """`array`."""
         return array
 
@@ -78,6 +86,7 @@ class Shared:
         self.held_bytes = 0
         self._kept: dict[Any, _Kept] = {}
         self._held: dict[int, list[int]] = {}  # of an array's memory, by id: bytes, and how many hold it
+        self._results: set[int] = set()  # ids of results that are kept
         self._lost: set[int] = set()  # ids of arrays of this turn's results that found no room
         self._turn = 0
 
@@ -88,7 +97,7 @@ class Shared:
 
     def run(self, stage: Callable[..., Result], *arguments: Any) -> Result:
         """stage(*arguments), or the result that is kept of it."""
-        key = (stage, *map(_key, arguments))
+        key = (stage, *map(self._name, arguments))
         kept = self._kept.get(key)
         if kept is None:
             result = stage(*arguments)
@@ -110,10 +119,30 @@ class Shared:
         found: np.ndarray = kept.result
         return found
 
+    def own(self, array: np.ndarray) -> np.ndarray:
+        """A copy of `array`."""
+        return array.copy()
+
+    def _name(self, value: Any) -> Any:
+        """What stands for an argument: its value where that is plain, else its identity; of tuples those of their parts."""
+        kind = type(value)
+        if kind is np.ndarray or id(value) in self._results:
+            return id(value)
+        if kind in PLAIN:
+            return value
+        if isinstance(value, tuple):
+            return tuple(map(self._name, value))
+        if kind is Host or value is self:
+            return None  # how a stage runs changes no result
+        return id(value)
+
     def _keep(self, key: Any, arguments: tuple[Any, ...], result: Any) -> None:
         memory = {id(a): a.nbytes for a in _arrays((arguments, result))}
         if self._lost.isdisjoint(memory) and self._make_room(memory):
-            self._kept[key] = _Kept(arguments, result, self._turn)
+            others = tuple(a for a in arguments if a is not self)  # a cycle would keep all memory until it is found
+            self._kept[key] = _Kept(others, result, self._turn)
+            if isinstance(result, tuple) and result:
+                self._results.add(id(result))
             for number, size in memory.items():
                 held = self._held.setdefault(number, [size, 0])
                 held[1] += 1
@@ -128,33 +157,23 @@ class Shared:
             return True
         if new > self.most_bytes:
             return False
-        old = [(kept.turn, key) for key, kept in self._kept.items() if kept.turn < self._turn - 1]
-        for _, key in sorted(old, key=lambda pair: pair[0]):
+        old = [(kept.turn, place, key) for place, (key, kept) in enumerate(self._kept.items())]
+        for turn, _, key in sorted(old, key=lambda each: each[:2]):
+            if turn >= self._turn - 1 or self.held_bytes + new <= self.most_bytes * LEFT:
+                break
             self._forget(key)
             new = sum(size for number, size in memory.items() if number not in self._held)
-            if self.held_bytes + new <= self.most_bytes:
-                return True
-        return False
+        return self.held_bytes + new <= self.most_bytes
 
     def _forget(self, key: Any) -> None:
         kept = self._kept.pop(key)
+        self._results.discard(id(kept.result))
         for number in {id(a) for a in _arrays((kept.arguments, kept.result))}:
             held = self._held[number]
             held[1] -= 1
             if held[1] == 0:
                 self.held_bytes -= held[0]
                 del self._held[number]
-
-
-def _key(value: Any) -> Any:
-    """What stands for an argument: its value where that is plain, else its identity; of tuples those of their parts."""
-    if isinstance(value, PLAIN):
-        return value
-    if isinstance(value, tuple):
-        return tuple(map(_key, value))
-    if isinstance(value, Host):
-        return None  # which threads run a stage changes no result
-    return id(value)
 
 
 def _arrays(value: Any) -> Iterator[np.ndarray]:
