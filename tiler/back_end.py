@@ -68,9 +68,9 @@ def copy_canvas(canvas: Canvas, picture: Picture, cleared: bool) -> Canvas:
     """A canvas of its own memory that shows the same. cleared : the tiles will clear it, so nothing need be shown."""
     old = canvas.target
     target = make_target(picture, old.order.size > 0)
-    for mine, other in zip(target, old, strict=True):
-        if not cleared:
-            mine[...] = other
+    if not cleared:
+        for name in Target._fields:
+            np.copyto(getattr(target, name), getattr(old, name))
     coarse = canvas.coarse._replace(farthest=canvas.coarse.farthest.copy(), nearest=canvas.coarse.nearest.copy())
     return Canvas(target, coarse)
 

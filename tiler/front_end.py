@@ -276,7 +276,7 @@ def _pick(rows, source, first, target):
 def pick_triangles(triangles: Triangles, rows: I64) -> Triangles:
     """The triangles of these rows, in this order, without gaps."""
     used = triangles.used[rows]
-    picked = _allocate_triangles(used)
+    picked = _allocate_triangles(used.astype(np.int64))
     _pick(rows, triangles, picked.first, picked)
     return picked._replace(used=used)
 
