@@ -6,9 +6,10 @@ a machine that differs where a stage does not look gets what the machine before 
 
 Small arrays that several machines come to on ways of their own (which patches live) are made one by `same`.
 
-Memory is bounded: of all arrays held, arguments and results, each counts once. What finds no room is not kept, and neither is
-what follows from it; what neither this machine nor the one before it asked for makes room first. So a frame that is larger
-than the bound still shares its first stages, and a study that goes on to other machines forgets the first.
+Memory is bounded: of all arrays held, arguments and results, each counts once, and so do the objects about them. What finds
+no room is not kept, and neither is what follows from it; what neither this machine nor the one before it asked for makes room
+first. So a frame that is larger than the bound still shares its first stages, and a study that goes on to other machines
+forgets the first.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,6 +26,7 @@ Result = TypeVar("Result")
 MOST_BYTES = 512 << 20
 LEFT = 0.75  # of the bound, after making room: so that it is not done for each result
 POINT_BYTES = 112  # of a frame's points, window and triangles, for each domain point
+ARRAY_BYTES, RESULT_BYTES = 128, 2048  # of Python's own objects, for each array and each result
 PLAIN = frozenset((str, int, float, bool, type(None), Machine))
 
 
@@ -76,7 +78,7 @@ class _Kept:
 class Shared:
     """Stages of frames of one scene, drawn one after the other on different machines. Not for several threads at a time.
 
-    most_bytes : of arrays held; by default 512 MiB, or a quarter of the memory available where that is less.
+    most_bytes : of what is kept; by default 512 MiB, or a quarter of the memory available where that is less.
     """
 
     def __init__(self, most_bytes: int | None = None) -> None:
@@ -137,10 +139,11 @@ class Shared:
         return id(value)
 
     def _keep(self, key: Any, arguments: tuple[Any, ...], result: Any) -> None:
-        memory = {id(a): a.nbytes for a in _arrays((arguments, result))}
+        memory = {id(a): a.nbytes + ARRAY_BYTES for a in _arrays((arguments, result))}
         if self._lost.isdisjoint(memory) and self._make_room(memory):
             others = tuple(a for a in arguments if a is not self)  # a cycle would keep all memory until it is found
             self._kept[key] = _Kept(others, result, self._turn)
+            self.held_bytes += RESULT_BYTES
             if isinstance(result, tuple) and result:
                 self._results.add(id(result))
             for number, size in memory.items():
@@ -152,7 +155,7 @@ class Shared:
 
     def _make_room(self, memory: dict[int, int]) -> bool:
         """Whether these arrays fit, after forgetting as many of the oldest results as that takes."""
-        new = sum(size for number, size in memory.items() if number not in self._held)
+        new = self._size_of(memory)
         if self.held_bytes + new <= self.most_bytes:
             return True
         if new > self.most_bytes:
@@ -162,11 +165,16 @@ class Shared:
             if turn >= self._turn - 1 or self.held_bytes + new <= self.most_bytes * LEFT:
                 break
             self._forget(key)
-            new = sum(size for number, size in memory.items() if number not in self._held)
+            new = self._size_of(memory)
         return self.held_bytes + new <= self.most_bytes
+
+    def _size_of(self, memory: dict[int, int]) -> int:
+        """Bytes that one more result takes, with these arrays."""
+        return RESULT_BYTES + sum(size for number, size in memory.items() if number not in self._held)
 
     def _forget(self, key: Any) -> None:
         kept = self._kept.pop(key)
+        self.held_bytes -= RESULT_BYTES
         self._results.discard(id(kept.result))
         for number in {id(a) for a in _arrays((kept.arguments, kept.result))}:
             held = self._held[number]
