@@ -33,6 +33,7 @@ PLAIN = frozenset((str, int, float, bool, type(None), Machine))
 class Stages(Protocol):
     """How a frame runs its stages."""
 
+    most_bytes: int  # that are kept
     most_points: int  # domain points that are worth keeping for all machines at a time; 0: nothing is kept
 
     def run(self, stage: Callable[..., Result], *arguments: Any) -> Result:
@@ -48,7 +49,7 @@ class Stages(Protocol):
 class Alone:
     """Stages of a frame that has nothing in common with another: they run."""
 
-    most_points = 0
+    most_bytes = most_points = 0
 
     def run(self, stage: Callable[..., Result], *arguments: Any) -> Result:
         """stage(*arguments)."""
@@ -122,8 +123,8 @@ class Shared:
         return found
 
     def own(self, array: np.ndarray) -> np.ndarray:
-        """A copy of `array`."""
-        return array.copy()
+        """A copy of `array` if it is kept, else the array."""
+        return array.copy() if any(id(a) in self._held for a in _arrays(array)) else array
 
     def _name(self, value: Any) -> Any:
         """What stands for an argument: its value where that is plain, else its identity; of tuples those of their parts."""

@@ -24,9 +24,10 @@ from tiler.front_end import Geometry
 from tiler.grid import Grid
 from tiler.host import Host
 from tiler.scene.model import Scene
-from tiler.shared import Stages
+from tiler.shared import ALONE, Stages
 from tiler.tile import KEEP, NUM_TILE_COUNTS, Rules, TileCount
 
+SAMPLE_BYTES = 20  # of a canvas: depth, visible triangle, colour, submit number
 NO_UNITS = np.empty(0, np.int32)
 NO_BOUNDS = PatchBounds(
     np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 8, 4)), np.empty((0, 4)), np.empty((0, 4), np.int32),
@@ -48,8 +49,11 @@ class Easel:
     def __init__(self, scene: Scene, grid: Grid, ordered: bool, block: int, host: Host, shared: Stages) -> None:
         """ordered, block : as in `back_end.make_canvas`. shared : how stages run."""
         self.scene, self.grid, self.host, self.shared = scene, grid, host, shared
-        self.canvas: Canvas = shared.run(back_end.make_canvas, scene.picture, ordered, block, grid)
-        self._mine = shared.most_points == 0  # whether nobody else may see the canvas
+        samples = scene.picture.width * scene.picture.height * scene.picture.samples
+        self._is_kept = SAMPLE_BYTES * samples <= shared.most_bytes // 4  # else copies would take memory for nothing
+        make = shared.run if self._is_kept else ALONE.run
+        self.canvas: Canvas = make(back_end.make_canvas, scene.picture, ordered, block, grid)
+        self._mine = not self._is_kept  # whether nobody else may see the canvas
         self._clear = True  # not drawn on yet
 
     def draw(
@@ -58,7 +62,7 @@ class Easel:
     ) -> U8:  # fmt: skip
         """`back_end.run_tiles` of a pass of a batch; `counts` modified in place. whole : of all of a phase."""
         first, self._clear = self._clear, False
-        if whole and self.shared.most_points:
+        if whole and self._is_kept:
             drawn = draw_phase(
                 part, batch, geometry, order, bounds, rules, self.scene, self.grid, self.canvas, first, last, self.host,
                 self.shared,
@@ -75,7 +79,8 @@ class Easel:
 
     def build_pyramid(self) -> None:
         """Build the pyramid from what is drawn, between two phases."""
-        self.canvas = self.shared.run(back_end.rebuild, self.canvas)
+        run = ALONE.run if self._mine else self.shared.run
+        self.canvas = run(back_end.rebuild, self.canvas)
 
 
 def draw_phase(
