@@ -67,6 +67,7 @@ def test_public_names_are_complete_and_documented():
         "Frame",
         "Machine",
         "Scene",
+        "Shared",
         "TilerError",
         "__version__",
         "load_scene",

@@ -34,9 +34,9 @@ def drawn(monkeypatch) -> list[float]:
     """Filled with the numbers of the frames for which the last one is drawn."""
     numbers: list[float] = []
 
-    def draw(scene, machine, number, host):
+    def draw(scene, plain, number, host, shared):
         numbers.append(number)
-        return last_frame(scene, machine, number, host)
+        return last_frame(scene, plain, number, host, shared)
 
     monkeypatch.setattr(machine_module, "last_frame", draw)
     return numbers
@@ -64,7 +64,8 @@ def test_a_run_is_its_frames_one_by_one(k, load, drawn):
             kept = reel.find(scene, machine, number + 1)
             assert kept is not None
             with Host(1) as host:
-                expected = last_frame(scene, machine, number + 1, host)
+                plain = Machine(bounds=machine.bounds, cull=machine.hull_cull)
+                expected = last_frame(scene, plain, number + 1, host)
             assert np.array_equal(kept.depth.view(np.uint32), expected.depth.view(np.uint32))
             assert np.array_equal(kept.seen, expected.seen) and kept.seen.any()
 

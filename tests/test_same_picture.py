@@ -1,5 +1,6 @@
 """Rule 1 of the design: how the machine works changes what it counts, never what it draws. Compared bit for bit."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import product
 
@@ -9,10 +10,11 @@ import pytest
 import tiler
 from pipeline.bounds import BOUNDS
 from tests.scenes import sliced
-from tiler import front_end
+from tiler import back_end, front_end
 from tiler.config import Machine
 from tiler.frame import Frame
 from tiler.scene.model import Scene
+from tiler.shared import Shared
 
 TILES = (8, 16, 32, 64, 128)
 BINNING = (("triangle", "none"), ("patch", "none"), ("patch", "frame"))
@@ -83,33 +85,36 @@ def test_any_machine_draws_the_same_picture(view):
         assert_same_counters(two, one, (machine, "two threads"))
 
 
-# The whole cross product of what a machine may be, as far as its fields go together.
-BOUNDS_AND_CULLS = product(
-    ("cbox", "tpatch", "npatch"),
-    ((), ("frustum", "occlusion"), ("occlusion", "occlusion:triangle", "occlusion:block")),
+# The whole cross product of what a machine may be, as far as its fields go together. Of the back-patch tests only the one that
+# is right for every triangle: the others may drop a front-facing triangle of a coarse tessellation.
+CULL_SETS = (
+    (),
+    ("frustum", "occlusion"),
+    ("occlusion", "occlusion:triangle", "occlusion:block"),
+    ("frustum:world", "backface:tessellation_safe", "occlusion", "occlusion:triangle"),
+    ("frustum:object", "occlusion:block"),
 )
-FIELDS = {
+FIELDS = {  # the last runs fastest: neighbours draw alike
+    "bounds": tuple(BOUNDS),
+    "cull": CULL_SETS,
     "binning": ("triangle", "patch", "subpatch"),
     "tile": (8, 32, 128),
-    "how": tuple(BOUNDS_AND_CULLS),
+    "overlap": ("rect", "exact"),
     "z_feedback": ("none", "tile", "previous_frame", "two_phase"),
     "queue_order": ("submit", "front_to_back"),
     "occlusion_area": ("rect", "hull"),
     "coarse_z_update": ("recompute", "feed_forward"),
     "domain_cache": ("none", "lru:5", "frame"),
-    "overlap": ("rect", "exact"),
     "tile_walk": ("scanline", "morton", "hilbert"),
 }
+NUM_PRODUCT = 79_488  # machines of the product
+PRODUCT_FRAMES = (0, 5)  # the first of a run, which has no last frame, and one that has
 
 
 def machine_of(choice: dict) -> Machine | None:
     """The machine of a choice of FIELDS; None where its fields do not go together."""
-    bounds, cull = choice["how"]
-    fields = {name: value for name, value in choice.items() if name != "how"}
     try:
-        return Machine(
-            **fields, bounds=bounds, cull=cull, subpatch_extent=6.0, vertex_cache=7, coarse_z_block=8, cores=3
-        )
+        return Machine(**choice, subpatch_extent=6.0, vertex_cache=7, coarse_z_block=8, cores=3)
     except tiler.TilerError:
         return None
 
@@ -124,45 +129,71 @@ def sampled_machines(number: int, seed: int) -> list[Machine]:
     return machines
 
 
-def check_machines(load, machines: list[Machine], names: tuple[str, ...] | list[str]) -> int:
-    """Every machine draws what the simplest draws, on one and two threads with the same counters; the number of frames."""
+def product_scene(load, name: str) -> Scene:
+    """A built-in scene with all its patches, small: no side of the picture is a multiple of a tile's."""
+    factor = 1 if name in ("colonnade", "creature") else 2
+    return load(name, size=(70, 45), factor=factor, samples=4 if name == "teapot" else 1)
+
+
+def check_machines(scene: Scene, number: float, machines: Iterable[Machine], two: Shared, one: Shared | None) -> int:
+    """Every machine draws what the simplest draws, on one thread and on two with the same counters; the number of frames.
+
+    two : stages that frames on two threads share; one : those on one thread; None: each of these runs all its stages.
+    """
     frames = 0
-    for name in names:
-        scene = load(name, size=(70, 45), factor=3, samples=4 if name == "teapot" else 1)
-        for number in (0, 5):
-            reference = tiler.simulate(scene, SIMPLEST, frame=number, threads=1)
-            for k, machine in enumerate(machines):
-                one = tiler.simulate(scene, machine, frame=number, threads=1)
-                assert np.array_equal(one.color, reference.color), (name, number, machine)
-                assert np.array_equal(bits(one.depth_samples), bits(reference.depth_samples)), (name, number, machine)
-                if k % 4 == 0:
-                    assert_same_counters(tiler.simulate(scene, machine, frame=number, threads=2), one, (name, machine))
-                frames += 1
+    reference = tiler.simulate(scene, SIMPLEST, frame=number, threads=1)
+    assert reference.counters["om_samples_visible"] > 0, "an empty picture proves nothing"
+    for machine in machines:
+        serial, parallel = (
+            tiler.simulate(scene, machine, frame=number, threads=threads, shared=shared)
+            for threads, shared in ((1, one), (2, two))
+        )
+        for frame in (serial, parallel):
+            assert np.array_equal(frame.color, reference.color), (scene.name, number, machine)
+            assert np.array_equal(bits(frame.depth_samples), bits(reference.depth_samples)), (
+                scene.name,
+                number,
+                machine,
+            )
+        assert dict(serial.counters) == dict(parallel.counters), (scene.name, number, machine)
+        assert np.array_equal(serial.queues.entries, parallel.queues.entries), (scene.name, number, machine)
+        frames += 2
     return frames
 
 
 def test_a_sample_of_all_machines_draws_the_same_picture(load):
-    assert check_machines(load, sampled_machines(24, 1), SCENES) == 24 * 2 * len(SCENES)
+    machines = sampled_machines(24, 1)
+    for name, number in product(SCENES, PRODUCT_FRAMES):
+        assert check_machines(product_scene(load, name), number, machines, Shared(), None) == 2 * len(machines)
 
 
-PRODUCT_FRAMES = 2300  # of some 400,000: a quarter of an hour on one processor
+@pytest.fixture
+def tile_loops(monkeypatch) -> list[int]:
+    """How often the tile loop ran."""
+    runs, run_tiles = [0], back_end.run_tiles
+
+    def count(*arguments):
+        runs[0] += 1
+        return run_tiles(*arguments)
+
+    monkeypatch.setattr(back_end, "run_tiles", count)
+    return runs
 
 
 @pytest.mark.slow
-def test_the_whole_product_draws_the_same_picture(load):
-    """Machine, scene and frame drawn from the whole product, seeded, none twice; prints how many were compared."""
+@pytest.mark.parametrize("number", PRODUCT_FRAMES)
+@pytest.mark.parametrize("name", SCENES)
+def test_the_whole_product_draws_the_same_picture(name, number, load, tile_loops):
+    """Each machine of the whole product, on one thread and on two; prints how many frames were compared.
+
+    Frames of as many threads share their stages, which changes no bit of them (tests/test_shared.py): the tile loop runs
+    once for all machines that hand the same queues to it by the same rules, and how often it ran is printed, too.
+    """
     choices = (dict(zip(FIELDS, values, strict=True)) for values in product(*FIELDS.values()))
-    machines = [machine for choice in choices if (machine := machine_of(choice))]
-    views = [(name, number) for name in SCENES for number in (0, 5)]
-    scenes = {name: load(name, size=(70, 45), factor=3, samples=4 if name == "teapot" else 1) for name in SCENES}
-    references = {view: tiler.simulate(scenes[view[0]], SIMPLEST, frame=view[1], threads=1) for view in views}
-    chosen = np.random.default_rng(0).permutation(len(machines) * len(views))[:PRODUCT_FRAMES]
-    for k in chosen:
-        machine, view = machines[k // len(views)], views[k % len(views)]
-        frame = tiler.simulate(scenes[view[0]], machine, frame=view[1], threads=1)
-        assert np.array_equal(frame.color, references[view].color), (view, machine)
-        assert np.array_equal(bits(frame.depth_samples), bits(references[view].depth_samples)), (view, machine)
-    print(f"{len(chosen):,} of {len(machines) * len(views):,} frames of {len(machines):,} machines")
+    machines = (machine for choice in choices if (machine := machine_of(choice)))
+    frames = check_machines(product_scene(load, name), number, machines, Shared(), Shared())
+    assert frames == 2 * NUM_PRODUCT
+    print(f"{name}, frame {number}: {frames:,} frames; the tile loop ran {tile_loops[0]:,} times")
 
 
 @pytest.mark.parametrize("name", SCENES)

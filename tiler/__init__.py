@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from tiler.scene import Scene as Scene
     from tiler.scene import load_scene as load_scene
     from tiler.scene import scene_names as scene_names
+    from tiler.shared import Shared as Shared
     from tiler.simulation import simulate as simulate
     from tiler.study.results import load_study as load_study
     from tiler.study.run import sweep as sweep
@@ -26,6 +27,7 @@ _HOME = {
     "Frame": "tiler.frame",
     "Machine": "tiler.config",
     "Scene": "tiler.scene",
+    "Shared": "tiler.shared",
     "TilerError": "tiler.errors",
     "load_scene": "tiler.scene",
     "load_study": "tiler.study.results",
@@ -42,6 +44,7 @@ __all__ = [
     "Frame",
     "Machine",
     "Scene",
+    "Shared",
     "TilerError",
     "__version__",
     "load_scene",

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline import pixel
-from pipeline.types import I32, I64, U8, PatchBounds, Viewport
+from pipeline.types import I32, I64, U8, DomainPoints, PatchBounds, Triangles, Viewport, Window
 from tiler.binning import TileQueues, bin_boxes
-from tiler.coarse_z import CoarseZ, depth_rows, make_pyramid
+from tiler.coarse_z import CoarseZ, build, depth_rows, make_pyramid
 from tiler.config import Machine
 from tiler.front_end import Geometry
 from tiler.grid import Grid
@@ -21,6 +21,7 @@ from tiler.scene.model import Picture, Scene
 from tiler.tile import FEED_FORWARD, KEEP, RECOMPUTE, Rules, Target, Touched, Work, process_tiles
 
 NO_ORDER = np.empty(0, np.int64)
+NO_POINTS = DomainPoints(np.zeros(1, np.int64), np.empty((4, 0), np.float32), np.empty((3, 0), np.float32))
 
 
 def make_target(picture: Picture, ordered: bool = False) -> Target:
@@ -34,9 +35,45 @@ def make_target(picture: Picture, ordered: bool = False) -> Target:
 
 def make_coarse_z(machine: Machine, grid: Grid) -> CoarseZ:
     """The machine's pyramid over the cleared picture; one cell where the machine makes no occlusion tests."""
-    if not machine.occlusion:
+    return cleared_pyramid(machine.coarse_z_block if machine.occlusion else 0, grid)
+
+
+def cleared_pyramid(block: int, grid: Grid) -> CoarseZ:
+    """A pyramid over the cleared picture. block : side of its finest blocks in pixels; 0: one cell, for no test."""
+    if block == 0:
         return make_pyramid(grid._replace(width=1, height=1, tiles_x=1, tiles_y=1), 1 << grid.tile_log2)
-    return make_pyramid(grid, machine.coarse_z_block)
+    return make_pyramid(grid, block)
+
+
+class Canvas(NamedTuple):
+    """What the tiles draw on."""
+
+    target: Target
+    coarse: CoarseZ
+
+
+def make_canvas(picture: Picture, ordered: bool, block: int, grid: Grid) -> Canvas:
+    """A canvas that is not yet cleared. ordered, block : as in `make_target` and `cleared_pyramid`."""
+    return Canvas(make_target(picture, ordered), cleared_pyramid(block, grid))
+
+
+def rebuild(canvas: Canvas) -> Canvas:
+    """The canvas with a pyramid of its own, built from all its depths."""
+    old = canvas.coarse
+    coarse = old._replace(farthest=np.empty_like(old.farthest), nearest=np.empty_like(old.nearest))
+    build(coarse, canvas.target.depth)
+    return canvas._replace(coarse=coarse)
+
+
+def copy_canvas(canvas: Canvas, picture: Picture, cleared: bool) -> Canvas:
+    """A canvas of its own memory that shows the same. cleared : the tiles will clear it, so nothing need be shown."""
+    old = canvas.target
+    target = make_target(picture, old.order.size > 0)
+    if not cleared:
+        for name in Target._fields:
+            np.copyto(getattr(target, name), getattr(old, name))
+    coarse = canvas.coarse._replace(farthest=canvas.coarse.farthest.copy(), nearest=canvas.coarse.nearest.copy())
+    return Canvas(target, coarse)
 
 
 def make_rules(machine: Machine, phase: int = 0) -> Rules:
@@ -71,20 +108,29 @@ def bin_batch(
     live: I32, geometry: Geometry, bounds: PatchBounds, machine: Machine, grid: Grid, samples: int, host: Host
 ) -> Bins:
     """Bin a batch's set-up triangles, and in other modes than `triangle` its units by their bounds on the screen."""
-    triangles = geometry.triangles
-    exact = machine.overlap == "exact"
-    if exact:
-        by_triangle = bin_triangles(triangles, geometry.window, grid, MARGIN[samples], host)
-    else:
-        by_triangle = bin_boxes(triangles.first, triangles.used, triangles.box, grid, host)
+    by_triangle = bin_drawn(geometry.drawn, geometry.window, machine.overlap, grid, samples, host)
     if machine.binning == "triangle":
         return Bins(by_triangle, by_triangle)
-    if exact:
-        return Bins(bin_hulls(live, bounds, grid, host), by_triangle)
+    return Bins(bin_units(live, bounds, machine.overlap, grid, host), by_triangle)
+
+
+def bin_drawn(
+    triangles: Triangles, window: Window, overlap: str, grid: Grid, samples: int, host: Host
+) -> TileQueues:  # fmt: skip
+    """Bin set-up triangles. overlap : as `Machine.overlap`."""
+    if overlap == "exact":
+        return bin_triangles(triangles, window, grid, MARGIN[samples], host)
+    return bin_boxes(triangles.first, triangles.used, triangles.box, grid, host)
+
+
+def bin_units(live: I32, bounds: PatchBounds, overlap: str, grid: Grid, host: Host) -> TileQueues:
+    """Bin units by their bounds on the screen; items are places in `live`."""
+    if overlap == "exact":
+        return bin_hulls(live, bounds, grid, host)
     rect = bounds.rect[live]
     box = (rect - np.array([0, 0, 1, 1], np.int32)).astype(np.int16)
     seen = (rect[:, 0] < rect[:, 2]).astype(np.int32)
-    return Bins(bin_boxes(np.arange(len(live) + 1, dtype=np.int64), seen, box, grid, host), by_triangle)
+    return bin_boxes(np.arange(len(live) + 1, dtype=np.int64), seen, box, grid, host)
 
 
 def cut_bins(bins: Bins, parts: list[TileQueues]) -> list[Bins]:

@@ -9,6 +9,7 @@ from tiler.config import Machine
 from tiler.counters import DEFINITIONS
 from tiler.frame import Frame
 from tiler.scene.model import Scene
+from tiler.shared import Shared
 from tiler.simulation import simulate
 
 EVERYTHING: dict[str, object] = {
@@ -73,9 +74,12 @@ def compare(
     threads: int | None = None,
     progress: Callable[[float], None] = lambda machines: None,
 ) -> Comparison:
-    """Draw one frame of a scene on each machine. progress : called with the number of machines done."""
-    frames = {}
+    """Draw one frame of a scene on each machine. progress : called with the number of machines done.
+
+    Stages that a change of machine does not touch run once, so a frame's `seconds` are those that it took beside the others.
+    """
+    frames, shared = {}, Shared()
     for done, (name, machine) in enumerate(machines.items()):
-        frames[name] = simulate(scene, machine, frame=frame, threads=threads)
+        frames[name] = simulate(scene, machine, frame=frame, threads=threads, shared=shared)
         progress(done + 1)
     return Comparison(frames)

@@ -23,6 +23,7 @@ from tiler.errors import TilerError, unknown_name
 from tiler.scene.model import Scene
 from tiler.scene.problems import shown
 from tiler.scene.strict import Faults, Strict, between, number
+from tiler.shared import Shared
 from tiler.simulation import simulate
 
 KIND = "cost_models"
@@ -213,9 +214,9 @@ def break_even(
     reports: dict[str, list[CostReport]] = {name: [] for name in machines}
     for done, factor in enumerate(factors):
         policy = replace(scene.tessellation, factor=(float(factor),) * 6, edge_pixels=None)
-        drawn = replace(scene, tessellation=policy)
+        drawn, shared = replace(scene, tessellation=policy), Shared()
         for k, (name, machine) in enumerate(machines.items()):
-            counted = simulate(drawn, machine, frame=frame, threads=threads).counters
+            counted = simulate(drawn, machine, frame=frame, threads=threads, shared=shared).counters
             reports[name].append(cost(counted, machine, model))
             progress(done * len(machines) + k + 1)
     fixed = {name: tuple(rows) for name, rows in reports.items()}

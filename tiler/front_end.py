@@ -8,19 +8,23 @@ from pipeline import animate, domain, hull, primitives, vertex
 from pipeline.culling import tangent_plane
 from pipeline.culling.backface import Facing
 from pipeline.displacement import pack_maps, vector_lengths
+from pipeline.jit import kernel
 from pipeline.minmax import build_pyramids
 from pipeline.primitives import NUM_OUTCOMES
 from pipeline.silhouette import raise_factors, shared_edges
 from pipeline.slopes import build_slopes
+from pipeline.tessellator import make_patterns
 from pipeline.types import (
     I32,
     I64,
+    U8,
     Address,
     DisplacementMaps,
     DomainPoints,
     FaceCull,
     HullInput,
     Partitioning,
+    PatchBounds,
     Patches,
     Patterns,
     Pyramids,
@@ -34,6 +38,7 @@ from tiler.host import Host
 from tiler.rasterizer import MARGIN
 from tiler.scene.camera import Camera
 from tiler.scene.model import DisplacementMap, Scene, Tessellation
+from tiler.shared import Stages
 
 BATCH_POINTS = 1 << 18  # domain points in flight: a batch of about 40 MB, whose memory the next one gets again
 WINDING = "triangle_ccw"  # with u x v pointing to the viewer this is clockwise on the screen: a front face
@@ -47,6 +52,7 @@ class Geometry(NamedTuple):
     window: Window
     triangles: Triangles
     outcomes: I64  # (live, NUM_OUTCOMES)
+    drawn: Triangles  # `triangles`, perhaps without the rows of units that have none
 
 
 class PackedMaps(NamedTuple):
@@ -157,11 +163,44 @@ def raise_silhouettes(scene: Scene, stage: HullInput) -> HullInput:
     return stage._replace(factors=factors)
 
 
-def split_batches(live: I32, patterns: Patterns) -> list[I32]:
-    """Cut the live patches into runs of at most BATCH_POINTS domain points; at least one run, of no patch if need be."""
+def cull(name: str, stage: HullInput, bounds: PatchBounds, flags: U8) -> U8:
+    """The flags after cull test `name` of the patches still alive."""
+    after = flags.copy()
+    hull.run_cull_tests((name,), stage, bounds, after)
+    return after
+
+
+def tessellate(policy: Tessellation, factors: TessFactors, flags: U8) -> Patterns:
+    """Tessellator: patterns of the patches that no flag drops."""
+    kept = factors._replace(edge=factors.edge.copy())
+    hull.drop_culled(kept, flags)
+    return make_patterns(kept, policy.partitioning, WINDING)
+
+
+def live_patches(patterns: Patterns, flags: U8) -> tuple[U8, I32]:
+    """The flags with those that the tessellator culled by a factor, and the numbers of the patches alive."""
+    flags = flags.copy()
+    hull.flag_factors(patterns.of_patch, flags)
+    return flags, hull.live_patches(flags)
+
+
+def split_batches(live: I32, patterns: Patterns, most_points: int = 0) -> list[I32]:
+    """Cut the live patches into runs of at most BATCH_POINTS domain points, or `most_points` where that is more.
+
+    At least one run, of no patch if need be.
+    """
+    most = max(BATCH_POINTS, most_points)
     sizes = np.diff(patterns.first_point)[patterns.of_patch[live]]
-    run = np.concatenate([[0], np.cumsum(sizes)[:-1]]) // BATCH_POINTS if len(live) else np.zeros(0, np.int64)
-    return np.split(live, np.flatnonzero(np.diff(run)) + 1)
+    run = np.concatenate([[0], np.cumsum(sizes)[:-1]]) // most if len(live) else np.zeros(0, np.int64)
+    cuts = np.flatnonzero(np.diff(run)) + 1
+    return np.split(live, cuts) if len(cuts) else [live]
+
+
+def patches_at_once(patterns: Patterns, most_points: int) -> I32 | None:
+    """All patches that have a pattern, if they have at most so many domain points."""
+    everyone = np.flatnonzero(patterns.of_patch >= 0).astype(np.int32)
+    points = int(np.diff(patterns.first_point)[patterns.of_patch[everyone]].sum())
+    return everyone if points <= most_points else None
 
 
 def shade_domain_points(
@@ -219,7 +258,42 @@ def set_up_triangles(
         )  # fmt: skip
 
     host.run(work, len(chunks))
-    return Geometry(points, window, triangles, outcomes)
+    return Geometry(points, window, triangles, outcomes, triangles)
+
+
+@kernel
+def _pick(rows, source, first, target):
+    for k in range(len(rows)):
+        for i in range(source.used[rows[k]]):
+            t, s = first[k] + i, source.first[rows[k]] + i
+            for c in range(3):
+                target.vertex[t, c] = source.vertex[s, c]
+            for c in range(4):
+                target.box[t, c] = source.box[s, c]
+            target.edges[t], target.patch[t], target.source[t] = source.edges[s], source.patch[s], source.source[s]
+
+
+def pick_triangles(triangles: Triangles, rows: I64) -> Triangles:
+    """The triangles of these rows, in this order, without gaps."""
+    used = triangles.used[rows]
+    picked = _allocate_triangles(used.astype(np.int64))
+    _pick(rows, triangles, picked.first, picked)
+    return picked._replace(used=used)
+
+
+def pick_units(geometry: Geometry, live: I32, wanted: I32, shared: Stages) -> Geometry:
+    """The geometry of some units of a batch. live : numbers of the batch's units, rising; wanted : those to pick, in order.
+
+    The triangles are the same arrays for all who pick the same triangles, whichever units without any they pick besides.
+    """
+    rows = np.searchsorted(live, wanted)
+    used = geometry.triangles.used[rows]
+    drawn = shared.run(pick_triangles, geometry.triangles, shared.same(rows[used > 0]))
+    first = np.zeros(len(rows) + 1, np.int64)
+    np.cumsum(used, out=first[1:])
+    return Geometry(
+        geometry.points, geometry.window, drawn._replace(first=first, used=used), geometry.outcomes[rows], drawn
+    )
 
 
 def allocate_window(n: int) -> Window:

@@ -7,17 +7,14 @@ import numpy as np
 
 from pipeline import hull
 from pipeline.bounds import BOUNDS
-from pipeline.tessellator import make_patterns
-from pipeline.types import I32, I64, Viewport
+from pipeline.types import Viewport
 from tiler import back_end, front_end, verify
 from tiler.back_end import NO_ORDER
 from tiler.blame import Witness
 from tiler.blame_watch import Watch
-from tiler.coarse_z import build
 from tiler.config import Machine
 from tiler.domain_cache import vertex_misses
 from tiler.frame import Frame
-from tiler.front_end import Geometry
 from tiler.grid import make_grid
 from tiler.history import History, Reel, no_history, seen_patches
 from tiler.host import Host
@@ -26,10 +23,12 @@ from tiler.phases import UnitTests, first_phase, second_phase
 from tiler.queue_memory import QueueMemory, describe_items, make_queue_memory
 from tiler.scene.camera import camera_at
 from tiler.scene.model import Scene
-from tiler.subpatch import split_patches
+from tiler.shared import ALONE, Stages
+from tiler.shared_tiles import Easel
+from tiler.subpatch import split_patches, split_rules
 from tiler.tally import Tally
 from tiler.tile import Target
-from tiler.units import Units, front_to_back, whole_patches
+from tiler.units import front_to_back, whole_patches
 
 
 def render_frame(
@@ -39,13 +38,18 @@ def render_frame(
     host: Host,
     progress: Callable[[float], None],
     reel: Reel | None = None,
+    shared: Stages = ALONE,
 ) -> Frame:
-    """One frame; arguments as in `tiler.simulate`, already checked. reel : of the run that the frame belongs to."""
+    """One frame; arguments as in `tiler.simulate`, already checked. reel : of the run that the frame belongs to.
+
+    shared : how stages run.
+    """
     start = time.perf_counter()
     reel = reel or Reel()
     history = None
     if machine.phased:
-        history = reel.find(scene, machine, number) or last_frame(scene, machine, number, host)
+        plain = Machine(bounds=machine.bounds, cull=machine.hull_cull)
+        history = reel.find(scene, machine, number) or shared.run(last_frame, scene, plain, number, host, shared)
     tally = Tally(scene, machine, make_grid(scene.picture.width, scene.picture.height, machine.tile))
     memory = make_queue_memory(machine, tally.grid, scene.picture.samples)
     witness = None
@@ -56,8 +60,8 @@ def render_frame(
         )  # fmt: skip
         witness = Witness(watch, machine.binning, tally.walk)
     target = draw_frame(
-        scene, machine, number, host, history, tally, memory, progress, keep_order=machine.blame, witness=witness
-    )
+        scene, machine, number, host, history, tally, memory, progress, machine.blame, witness, shared
+    )  # fmt: skip
     reel.keep(scene, machine, number, target)
     queues = memory.report()
     seconds = time.perf_counter() - start
@@ -68,8 +72,8 @@ def render_frame(
         scene=scene.name,
         machine=machine,
         number=number,
-        color=target.resolved,
-        depth_samples=target.depth,
+        color=shared.own(target.resolved),
+        depth_samples=shared.own(target.depth),
         counters=tally.counters(target, queues.counters()),
         queues=tally.queues(queues),
         tiles=tally.tile_maps(),
@@ -81,15 +85,17 @@ def render_frame(
     )
 
 
-def last_frame(scene: Scene, machine: Machine, number: float, host: Host) -> History:
-    """What the frame before `number` leaves: drawn for this purpose, so that no frame depends on what was drawn before."""
+def last_frame(scene: Scene, plain: Machine, number: float, host: Host, shared: Stages = ALONE) -> History:
+    """What the frame before `number` leaves: drawn for this purpose, so that no frame depends on what was drawn before.
+
+    plain : the machine without occlusion tests.
+    """
     picture = scene.picture
     if number < 1:
         return no_history(picture.width, picture.height, picture.samples, scene.num_patches)
-    plain = Machine(tile=machine.tile, bounds=machine.bounds, cull=machine.hull_cull)
     tally = Tally(scene, plain, make_grid(picture.width, picture.height, plain.tile))
     memory = make_queue_memory(plain, tally.grid, picture.samples)
-    target = draw_frame(scene, plain, number - 1, host, None, tally, memory, lambda part: None, keep_order=True)
+    target = draw_frame(scene, plain, number - 1, host, None, tally, memory, lambda part: None, True, None, shared)
     return History(target.depth, seen_patches(target.order, scene.num_patches))
 
 
@@ -104,41 +110,45 @@ def draw_frame(
     progress: Callable[[float], None],
     keep_order: bool = False,
     witness: Witness | None = None,
+    shared: Stages = ALONE,
 ) -> Target:
     """Draw a frame, stage by stage, and count in `tally` and `memory`.
 
     history : for a machine that draws in two phases. keep_order : keep the submit number of what each sample shows.
-    witness : notes what blame needs; then submit numbers must be kept.
+    witness : notes what blame needs; then submit numbers must be kept. shared : how stages run: `run(stage, ...)` is
+    stage(...), or the result that another machine's frame has left.
     """
-    width, height = scene.picture.width, scene.picture.height
-    camera = camera_at(scene.camera, number, width / height)
-    viewport = Viewport(0, 0, width, height, 0.0, 1.0)
-    grid = tally.grid
-    target = back_end.make_target(scene.picture, machine.reordered or keep_order)
-    coarse = back_end.make_coarse_z(machine, grid)
-    packed = front_end.scene_maps(scene, number)
+    run, picture = shared.run, scene.picture
+    viewport = Viewport(0, 0, picture.width, picture.height, 0.0, 1.0)
+    camera = run(camera_at, scene.camera, number, picture.width / picture.height)
+    packed = run(front_end.scene_maps, scene, number)
+    grid, ordered = tally.grid, machine.reordered or keep_order
+    easel = Easel(scene, grid, ordered, machine.coarse_z_block if machine.occlusion else 0, host, shared)
 
     # Per patch: vertex shader, hull shader, tessellator.
-    patches = front_end.run_vertex_shader(scene, number)
-    factors = front_end.tess_factors(scene.tessellation, patches, camera, viewport)
-    stage = front_end.hull_input(scene, patches, packed, factors, camera, viewport)
-    stage = front_end.raise_silhouettes(scene, stage)
-    flags = hull.flag_nonfinite(patches, stage.pyramids.whole)
-    bounds = BOUNDS[machine.bounds](stage)
-    hull.run_cull_tests(machine.hull_cull, stage, bounds, flags)
-    hull.drop_culled(stage.factors, flags)
-    patterns = make_patterns(stage.factors, scene.tessellation.partitioning, front_end.WINDING)
-    hull.flag_factors(patterns.of_patch, flags)
-    live = hull.live_patches(flags)
+    patches = run(front_end.run_vertex_shader, scene, number)
+    factors = run(front_end.tess_factors, scene.tessellation, patches, camera, viewport)
+    stage = run(front_end.hull_input, scene, patches, packed, factors, camera, viewport)
+    stage = run(front_end.raise_silhouettes, scene, stage)
+    flags = broken = run(hull.flag_nonfinite, patches, stage.pyramids.whole)
+    bounds = run(BOUNDS[machine.bounds], stage)
+    for name in machine.hull_cull:
+        flags = shared.same(run(front_end.cull, name, stage, bounds, flags))
+    dropped = broken if shared.most_points else flags
+    patterns = run(front_end.tessellate, scene.tessellation, stage.factors, dropped)
+    flags, live = front_end.live_patches(patterns, flags)
+    live = shared.same(live)
     tally.count_patches(patches, flags, patterns, live)
+    at_once = None
     if machine.binning == "subpatch":
-        split = split_patches(stage, bounds, patterns, live, machine)
+        split = run(split_patches, stage, bounds, patterns, live, split_rules(machine))
         units, live = split.units, split.live
         tally.count_split(split)
     else:
-        units = whole_patches(patches, bounds, patterns)
+        units = run(whole_patches, patches, bounds, patterns)
+        at_once = run(front_end.patches_at_once, patterns, shared.most_points)
     if machine.queue_order == "front_to_back":
-        live = front_to_back(live, units.bounds)
+        live = shared.same(front_to_back(live, units.bounds))
 
     # Per triangle and per tile: domain shader, primitives, binning, tile loop; a batch of units after the other.
     tests = UnitTests(viewport, machine.occlusion_area == "hull")
@@ -146,26 +156,40 @@ def draw_frame(
     for phase in range(2 if machine.phased else 1):
         if phase == 1:
             memory.drain()
-            build(coarse, target.depth)
-            now = second_phase(machine, units, waiting, coarse, tests)
+            easel.build_pyramid()
+            now = second_phase(machine, units, waiting, easel.canvas.coarse, tests)
         rules = back_end.make_rules(machine, phase)
         last_phase = phase == 1 or not machine.phased
-        batches = front_end.split_batches(now, units.patterns)
+        batches = front_end.split_batches(shared.same(now), units.patterns, shared.most_points)
         for b, batch in enumerate(batches):
-            points = front_end.shade_domain_points(batch, units.patches, units.patterns, packed.maps, camera, host)
-            geometry = front_end.set_up_triangles(batch, points, units.patterns, viewport, scene, host)
-            order = _submit_numbers(batch, units, geometry, target)
-            bins = back_end.bin_batch(batch, geometry, units.bounds, machine, grid, scene.picture.samples, host)
-            tally.count_batch(units, batch, geometry, bins.queue)
+            shaded = batch if at_once is None else at_once
+            points = run(
+                front_end.shade_domain_points, shaded, units.patches, units.patterns, packed.maps, camera, host
+            )  # fmt: skip
+            geometry = run(front_end.set_up_triangles, shaded, points, units.patterns, viewport, scene, host)
+            if at_once is not None:
+                geometry = run(front_end.pick_units, geometry, at_once, batch, shared)
+            order = NO_ORDER
+            if ordered:
+                order = run(
+                    number_triangles, batch, units.owner, units.original, units.patterns, geometry.triangles
+                )  # fmt: skip
+            by_triangle = run(
+                back_end.bin_drawn, geometry.drawn, geometry.window, machine.overlap, grid, picture.samples, host
+            )  # fmt: skip
+            queue = by_triangle
+            if machine.binning != "triangle":
+                queue = run(back_end.bin_units, batch, units.bounds, machine.overlap, grid, host)
+            bins = back_end.Bins(queue, by_triangle)
+            tally.count_batch(units, batch, geometry, queue)
             if witness:
                 witness.note_front_end(batch, geometry)
             items = describe_items(machine.binning, units.owner[batch], geometry.triangles, len(geometry.window.x))
-            passes = back_end.cut_bins(bins, memory.append(bins.queue, items))
+            passes = back_end.cut_bins(bins, memory.append(queue, items))
             for k, part in enumerate(passes):
-                outcome = back_end.run_tiles(
-                    part, batch, geometry, order, units.bounds, rules, scene, grid, target, coarse, tally.tiles,
-                    phase == b == k == 0, last_phase and b == len(batches) - 1 and k == len(passes) - 1, host,
-                )  # fmt: skip
+                last = last_phase and b == len(batches) - 1 and k == len(passes) - 1
+                whole = len(batches) == len(passes) == 1
+                outcome = easel.draw(part, batch, geometry, order, units.bounds, rules, tally.tiles, last, whole)
                 number_of_pass = memory.passes - (len(passes) - 1 - k)
                 tally.count_entries(batch, part.queue, outcome, number_of_pass)
                 if witness:
@@ -176,16 +200,9 @@ def draw_frame(
     if witness:
         misses = vertex_misses(units.patterns, machine.vertex_cache)
         witness.testify(units, patterns, tally.shaded, np.append(misses, 0)[units.patterns.of_patch])
-    return target
+    return easel.canvas.target
 
 
 def _tests_first(machine: Machine) -> bool:
     """Whether units of the first phase were tested too, against the last frame's pyramid."""
     return machine.z_feedback == "previous_frame" and "occlusion" in machine.occlusion
-
-
-def _submit_numbers(batch: I32, units: Units, geometry: Geometry, target: Target) -> I64:
-    """Submit numbers of the batch's triangles, where anything asks for them."""
-    if target.order.size == 0:
-        return NO_ORDER
-    return number_triangles(batch, units.owner, units.original, units.patterns, geometry.triangles)

@@ -12,6 +12,7 @@ from tiler.host import Host, available_threads
 from tiler.machine import render_frame
 from tiler.memory import check_picture
 from tiler.scene.model import Scene
+from tiler.shared import Shared
 
 
 def simulate(
@@ -22,6 +23,7 @@ def simulate(
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
     reel: Reel | None = None,
+    shared: Shared | None = None,
 ) -> Frame:
     """Draw one frame of a scene on a machine, and count what the machine does.
 
@@ -29,7 +31,9 @@ def simulate(
     frames. threads : host threads, all by default; they change the time taken and nothing else. progress : called with
     the part that is done, 0 to 1, after each batch of patches; an exception that it raises ends the simulation. reel :
     one `tiler.history.Reel` for all frames of a run, drawn one after the other: a machine that looks back at the last frame
-    takes it from there, and draws it anew only where it was not drawn. The frame is the same, bit for bit.
+    takes it from there, and draws it anew only where it was not drawn. shared : a `tiler.Shared` that frames of one scene on
+    several machines are given, one after the other: stages that a change of machine does not touch are not run again. With
+    either the frame is the same, bit for bit.
 
     Raises TilerError if an argument is not allowed or the picture does not fit into memory.
     """
@@ -37,7 +41,11 @@ def simulate(
     threads = available_threads() if threads is None else threads
     check_request(scene, machine, threads, frame)
     with Host(threads) as host:
-        return render_frame(scene, machine, frame, host, progress or (lambda part: None), reel)
+        report = progress or (lambda part: None)
+        if shared is None:
+            return render_frame(scene, machine, frame, host, report, reel)
+        shared.begin()
+        return render_frame(scene, machine, frame, host, report, reel, shared)
 
 
 def check_request(scene: Scene, machine: Machine, threads: int, frame: float = 0) -> None:

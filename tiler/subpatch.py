@@ -223,6 +223,17 @@ def part_patterns(patterns: Patterns, which: I32, cell: F64) -> tuple[Patterns, 
     return Patterns(inverse.astype(np.int32), uv, first_point, indices, first_triangle), original
 
 
+def split_rules(machine: Machine) -> Machine:
+    """The machine with nothing but what decides how patches are cut; all else by default."""
+    return Machine(
+        tile=machine.tile,
+        bounds=machine.bounds,
+        cull=tuple(name for name in machine.cull if name in PART_CULLS),
+        subpatch_budget=machine.subpatch_budget,
+        subpatch_extent=machine.subpatch_extent,
+    )
+
+
 def split_patches(stage: HullInput, bounds: PatchBounds, patterns: Patterns, live: I32, machine: Machine) -> Split:
     """Cut the live patches of a frame into sub-domains by the machine's budget.
 

@@ -200,7 +200,8 @@ class Tally:
 
     def queues(self, memory: QueueReport) -> Queues:
         """The tile queues' lengths and bytes."""
-        return Queues(self.tile_maps()["queue_entries"], self.values["queue_bytes"], memory)
+        entries = self.tiles[:, TileCount.QUEUE_ENTRIES].reshape(self.grid.tiles_y, self.grid.tiles_x).copy()
+        return Queues(entries, self.values["queue_bytes"], memory)
 
     def tile_maps(self) -> dict[str, I64]:
         """Per-tile counters by name, int64[tiles_y, tiles_x]."""
@@ -210,9 +211,6 @@ class Tally:
     def core_sums(self) -> dict[str, I64]:
         """Per-tile counters summed over the tiles of each simulated core, int64[cores]."""
         cores = self.machine.cores
-        core = np.empty(self.grid.num_tiles, np.int64)
-        core[self.walk] = np.arange(self.grid.num_tiles) % cores
-        return {
-            name: np.array([self.tiles[core == c, column].sum() for c in range(cores)], np.int64)
-            for name, column in TILE_COUNTERS.items()
-        }
+        sums = np.zeros((NUM_TILE_COUNTS, cores), np.int64)
+        np.add.at(sums.T, np.arange(self.grid.num_tiles) % cores, self.tiles[self.walk])
+        return {name: sums[column] for name, column in TILE_COUNTERS.items()}

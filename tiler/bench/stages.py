@@ -23,10 +23,10 @@ from tiler.simulation import simulate
 BASELINE = Machine(binning="triangle", cull=())
 NAMES = {  # of what `render_frame` calls: the stage, what it works on, the counter that says how many
     "front_end.run_vertex_shader": ("vertex shader", "vertex", "vs_invocations"),
-    "tessellator.make_patterns": ("tessellator", "patch", "ts_patches"),
+    "front_end.tessellate": ("tessellator", "patch", "ts_patches"),
     "front_end.shade_domain_points": ("domain shader", "invocation", "ds_invocations"),
     "front_end.set_up_triangles": ("project, clip, set up", "triangle", "c_invocations"),
-    "back_end.bin_batch": ("binning", "triangle binned", "su_triangles"),
+    "back_end.bin_drawn": ("binning", "triangle binned", "su_triangles"),
     "back_end.run_tiles": ("tile loop", "triangle and tile", "rs_triangles"),
 }
 SHARE = 0.002  # of a frame's time: stages below are not listed

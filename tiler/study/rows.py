@@ -15,6 +15,7 @@ from tiler.animation import frame_key
 from tiler.config import Machine
 from tiler.errors import TilerError
 from tiler.scene import Scene, load_scene
+from tiler.shared import Shared
 from tiler.simulation import simulate
 from tiler.study.settings import apply_settings
 from tiler.study.views import Sphere, bounding_sphere, look
@@ -38,20 +39,23 @@ def scene_digest(scene: Scene) -> str:
 
 
 class RowRunner:
-    """Runs rows; keeps the scenes that it used last, since consecutive rows share them."""
+    """Runs rows; keeps the scenes that it used last, and the stages of the last frame, since consecutive rows share them.
+
+    `seconds` of a row are what it took here, beside its neighbours: less than alone.
+    """
 
     def __init__(self, threads: int | None = None) -> None:
         self._threads = threads
         self._loaded: dict[str, Scene] = {}
         self._variants: dict[str, tuple[Scene, Sphere | None]] = {}
         self._machines: dict[str, Machine] = {}
+        self._frames: dict[str, tuple[Scene, float, Shared]] = {}
 
     def run(self, job: Job) -> Result:
         """Simulate a job's frame. An exception becomes the row's error; interrupts pass through."""
         try:
-            scene, sphere = self._variant(job)
-            scene, frame = look(scene, sphere, job["view"], job["frame"])
-            made = simulate(scene, self._machine(job["machine"]), frame=frame, threads=self._threads)
+            scene, frame, shared = self._frame(job)
+            made = simulate(scene, self._machine(job["machine"]), frame=frame, threads=self._threads, shared=shared)
         except Exception as error:
             return {"row": job["row"], "error": describe_error(error)}
         verified = made.machine.verify
@@ -63,6 +67,14 @@ class RowRunner:
             "violations": len(made.violations) if verified else None,
             "false_culls": len(made.false_culls) if verified else None,
         }
+
+    def _frame(self, job: Job) -> tuple[Scene, float, Shared]:
+        """The scene as the job looks at it, the number of the frame, and what other machines have left of it."""
+        key = json.dumps([job[name] for name in ("scene", "settings", "view", "frame")])
+        if key not in self._frames:
+            self._frames.clear()
+            _keep(self._frames, 1, key, (*look(*self._variant(job), job["view"], job["frame"]), Shared()))
+        return self._frames[key]
 
     def _variant(self, job: Job) -> tuple[Scene, Sphere | None]:
         around = job["view"]["kind"] != "path"
