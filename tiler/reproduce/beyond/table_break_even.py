@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from tiler.comparison import EVERYTHING
+from tiler.comparison import MACHINES
 from tiler.config import Machine
 from tiler.cost_model import cost, crossing
 from tiler.reproduce import style
@@ -35,8 +35,8 @@ TECHNIQUES: dict[str, dict[str, Any]] = {
     },
     "patch, no cache": {"binning": "patch", "cull": ("frustum",), "bounds": "tpatch"},
     "patch, frame cache": {"binning": "patch", "cull": ("frustum",), "bounds": "tpatch", "domain_cache": "frame"},
-    "patch, everything on": {**EVERYTHING, "binning": "patch"},
-    "subpatch, everything on": {**EVERYTHING, "binning": "subpatch", "tile": 64},
+    "patch, everything on": MACHINES["patch, all"],
+    "subpatch, everything on": MACHINES["subpatch, all"],
 }  # fmt: skip
 
 # What is charged: (cost model, measure of its report, title).
