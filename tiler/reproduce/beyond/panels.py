@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from tiler.reproduce import style
 from tiler.reproduce.beyond.machines import FLOOR, IDEAL, METRICS, MODES
+from tiler.reproduce.page import say_number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,7 +49,7 @@ def draw_lines(table: dict[str, list[Any]], axes: "Axes", axis: str, metric: str
             continue
         if name in MODES:
             axes.plot(x, y, **style.line_style(name), zorder=3)
-            fewer = f"\n{baseline[-1] / y[-1]:.3g}x fewer" if baseline and name != "triangle" else ""
+            fewer = f"\n{say_number(baseline[-1] / y[-1])}x fewer" if baseline and name != "triangle" else ""
             ends.append((y[-1], name + fewer, style.color_of(name)))
         else:
             dashes = "--" if name == IDEAL else ":"
@@ -64,7 +65,7 @@ def count_ticks(axes: "Axes") -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axes.get_ylim()
-    between = (1.0, 2.0, 5.0) if high / low < 60 else (1.0,)
+    between = (1.0, 2.0, 5.0) if high / low < 120 else (1.0,)
     axes.yaxis.set_major_locator(LogLocator(subs=between, numticks=20))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: short_count(value)))
     axes.yaxis.set_minor_formatter(NullFormatter())

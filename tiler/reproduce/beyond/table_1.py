@@ -18,6 +18,7 @@ from tiler.reproduce.beyond.machines import (
 )  # fmt: skip
 from tiler.reproduce.beyond.panels import short_count
 from tiler.reproduce.item import Context, Item, Result, Row, Tolerance
+from tiler.reproduce.page import say_number
 from tiler.scene import load_scene
 from tiler.simulation import simulate
 
@@ -163,7 +164,7 @@ def _draw_scene(table: dict[str, list[Any]], axes: "Axes", metric: str, scene: s
             markerfacecolor=inside,
         )
     least = min(filter(None, (value(machine) for machine in MACHINES)))
-    best = f"{triangle / least:.3g}x" + (" the best" if k == 0 else "")
+    best = f"{say_number(triangle / least)}x" + (" the best" if k == 0 else "")
     axes.annotate(best, (triangle, k), (8, 0), textcoords="offset points", va="center", fontsize=8.5, color=style.BLACK)
 
 
