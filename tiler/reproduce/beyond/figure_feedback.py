@@ -46,9 +46,10 @@ makes no occlusion test. The last frame's drawing is not counted.
 `tile` knows nothing until it has drawn something in a tile, so every patch in the view is queued, and hidden ones are
 found when the tile works them off. The two that look back hide patches before they are queued: several times fewer
 bytes. What they pay is staleness: `previous_frame` draws again what it wrongly believed hidden, `two_phase` draws first
-what the last frame saw, and neither tests all that it draws first. The columns are 3 units apart: where the camera has
-moved by about that in a frame (speed 16), the old picture fits the new one again, by chance, which a machine that
-remembers places takes for knowledge.
+what the last frame saw, and neither tests all that it draws first.
+
+At speed 16 `previous_frame` does better than at 8. The camera has moved by 2.7 units then, and the columns are 3 apart,
+so the old picture may fit the new one again; that was not tested apart.
 """
 
 

@@ -37,9 +37,9 @@ MACHINES: dict[str, Machine] = {
     **{f"{mode}, {LOOK_BACK}": machine_of(mode, z_feedback=LOOK_BACK) for mode in ("patch", "subpatch")},
 }
 
-# Stated before measuring, for colonnade: what the project asks of itself at 1920x1080 and factor 16. Which feedback: that which
-# each is for; shading that of `tile`, which tests against what was just drawn, bytes that of `previous_frame`, which queues
-# nothing hidden.
+# For colonnade, what the project asks of itself at 1920x1080 and factor 16; the numbers were set before anything was measured.
+# To which feedback each is held was decided after a first look: bytes to `previous_frame`, which queues nothing hidden (`tile`
+# wrote 67 times fewer than triangle binning then, not 200), shading to `tile`. The page has both for both.
 FEWER_SHADED = Tolerance(at_least=5.0)
 NEAR_IDEAL = Tolerance(at_most=1.5)
 FEWER_BYTES = {"patch": Tolerance(at_least=200.0), "subpatch": Tolerance(at_least=50.0)}
@@ -53,8 +53,9 @@ tile's own pyramid or first that of the previous frame. *Ideal*: the patches wit
 
 {table}
 
-Limits are those that the project set itself for `colonnade`, eleven layers deep; the other scenes show where there is
-less to win: `waves` is a sheet seen from above, with hardly anything behind anything.
+Limits are those that the project set itself for `colonnade`, many layers deep. No one machine is held to all of them:
+those of shading hold for `tile`, those of bytes for `previous_frame`, as was decided after a first measurement; the
+other machine's value stands beside without a limit. The other scenes show where there is less to win.
 """
 
 
