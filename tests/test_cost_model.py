@@ -46,7 +46,7 @@ def small(tmp_path: Path) -> str:
 
 def test_a_frame_by_hand(small):
     """Shaders: 100 x 10 + 50 x 2 + 8 bounds of 15, over 4 units; binning: 70 x 3 on one."""
-    c = counted(ds_invocations=100, ps_invocations=50, hs_invocations=8, queue_entries=70)
+    c = counted(ds_invocations=100, ps_invocations=50, hs_bounds_evaluated=8, queue_entries=70)
     report = cost(c, Machine(), small)
     shaders, binning = report.stages
     assert (shaders.events, shaders.work, shaders.cycles) == (158, 1220, 305)
@@ -65,7 +65,7 @@ def test_published_weights():
     assert dict(load_cost_model("munkberg2010").bound) == {
         "cbox": 1.5, "obbtex": 2.7, "tpatch": 4.5, "npatch": 11.0, "taylor": 275.0,
     }  # fmt: skip
-    report = cost(counted(ds_invocations=1000, hs_invocations=10), Machine(bounds="tpatch"))
+    report = cost(counted(ds_invocations=1000, hs_bounds_evaluated=10), Machine(bounds="tpatch"))
     assert report.domain_shader_equivalents == 1045 == report.total_cycles
 
 

@@ -1,11 +1,11 @@
 """What a frame costs by a model: cycles per event and units per stage, all from a data file (`tiler/_data/cost_models`).
 
 A stage's work is the sum over its counters of events times cycles, and in the stage that has `bounds` the bound of every
-patch of the hull shader, where the machine needs bounds at all. Its time is the work over its units. Stages work side by
+patch and of every sub-domain, where the machine needs bounds at all. Its time is the work over its units. Stages work side by
 side: the one with most time is the bottleneck, and a frame takes at least that long. Loads are taken as spread evenly.
 
 Domain-shader equivalents are how Munkberg et al. 2010 (section 5.1, Table 1) weigh a bound: domain points shaded, plus the
-cost of a bound in invocations of the domain shader times the patches bounded.
+cost of a bound in invocations of the domain shader times the bounds evaluated.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -27,7 +27,7 @@ from tiler.shared import Shared
 from tiler.simulation import simulate
 
 KIND = "cost_models"
-BOUNDED = "hs_invocations"  # the counter of the patches that are bounded
+BOUNDED = "hs_bounds_evaluated"  # of patches, and in `subpatch` binning of their sub-domains
 
 MOST = 1e9
 COST_WORDS = f"a number from 0 to {MOST:g}"

@@ -1,3 +1,10 @@
 """What no paper shows: patch and sub-patch binning against triangle binning and the ideal."""
 
-ITEMS: tuple[str, ...] = ()
+ITEMS = (
+    "table_1",
+    "figure_factor",
+    "figure_tile",
+    "figure_depth",
+    "figure_feedback",
+    "table_break_even",
+)
