@@ -166,8 +166,8 @@ _spread3, _spread9 = _spreader(3), _spreader(9)
 
 
 def spread_rows(s, row, target):
-    """Rows `row` .. of s float64 to the columns of target float64[LANES, 3 or 9] (or [LANES, 3, 3])."""
-    flat = target.reshape(LANES, -1)
+    """Rows `row` .. of s float64 to the columns of target float64[at least LANES, 3] or [at least LANES, 3, 3]."""
+    flat = target[:LANES].reshape(LANES, -1)
     for lane in range(LANES):
         for c in range(flat.shape[1]):
             flat[lane, c] = s[(row + c) * LANES + lane]
