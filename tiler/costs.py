@@ -2,7 +2,7 @@
 
 Run as `python -m tiler.costs`. Two measures, over the same smooth displaced patches:
 
-- *time* of the batched kernels on this machine, one thread, best of several runs;
+- *time* of the batched kernels on this machine, one thread, best of many runs;
 - *operations*: float additions, subtractions, multiplications, divisions, square roots, roundings to whole numbers, and
   comparisons (min and max of two are one each), of single or double precision alike, one for each number however wide the
   machine's vectors are. Counted exactly and the same on every machine: the sources of `pipeline` are loaded once more with
@@ -13,9 +13,11 @@ A bound's cost has three parts: the box itself, the lookup in the min-max pyrami
 screen rectangle, depth), which is the same for all algorithms and no part of the paper's figures. "box" is the first part
 alone, against a domain-shader invocation of a patch without a map (position, normal, clip position); "all" is everything,
 against one with a map (its bilinear lookups, the normal of the displaced surface as well). Operations are told apart by the
-module that makes them (the texture rectangle of a domain counts as box); from the time of all, the times of the two other
-parts, measured by themselves, are subtracted. Both sides of a ratio are batched kernels that vectorize: the shader over the
-points of a patch in float32, the bounds over patches in float64 (`pipeline/bounds/lanes.py`), at half the width.
+module that makes them (the texture rectangle of a domain counts as box); times of the box are those of its own function
+where it has one (`BOXES`), else those of all less those of the two other parts, measured by themselves. Both sides of a
+ratio are batched kernels that vectorize: the shader over the points of a patch, the bounds over patches, in float32
+(`pipeline/bounds/single.py`) or float64 (`pipeline/bounds/lanes.py`). Times are of the thread, and the runs of all that is
+compared take turns: a machine changes its speed between one second and the next.
 """
 
 import ast
@@ -28,7 +30,7 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -36,11 +38,12 @@ import numpy as np
 
 from pipeline import bounds as bounds_module
 from pipeline import domain
+from pipeline.bounds import cbox, normals, oriented
 from pipeline.bounds.lookup import displacement_ranges
 from pipeline.bounds.project import project_boxes
 from pipeline.displacement import pack_maps
 from pipeline.hull import make_input
-from pipeline.types import Address, DomainPoints, HullInput, Patterns, Viewport
+from pipeline.types import F64, Address, DomainPoints, HullInput, PatchBounds, Patterns, Viewport
 from pipeline.vertex import make_patches
 
 PAPER = {  # relative to one domain-shader invocation: instructions, Core i7
@@ -310,33 +313,56 @@ def count_operations(num_patches: int = 4) -> dict[str, Operations]:
 # Timing
 
 
-def _best_time(run: Callable[[], Any], repeats: int) -> float:
-    """Seconds of the fastest of several runs, after one that compiles."""
-    run()
-    best = np.inf
-    for _ in range(repeats):
-        begin = time.perf_counter()
+def _best_times(runs: Mapping[str, tuple[Callable[[], Any], int]], repeats: int) -> dict[str, float]:
+    """Seconds of the fastest run of each over its number of items, after one that compiles; they take turns."""
+    best = dict.fromkeys(runs, np.inf)
+    for run, _ in runs.values():
         run()
-        best = min(best, time.perf_counter() - begin)
+    for _ in range(repeats):
+        for name, (run, items) in runs.items():
+            begin = time.thread_time()
+            run()
+            best[name] = min(best[name], (time.thread_time() - begin) / items)
     return best
 
 
-def measure_times(num_patches: int = 2000, repeats: int = 7) -> dict[str, float]:
-    """Seconds a patch for each of `BOUNDS`, "lookup" and "projection"; a point for the domain shader without and with map."""
+def _box(kind: int, stage: HullInput, ranges: F64) -> PatchBounds:
+    return oriented.box_patches(stage, kind, ranges)
+
+
+BOXES: dict[str, Callable[[HullInput, F64], PatchBounds]] = {
+    "cbox": lambda stage, ranges: cbox.box_patches(stage, np.ascontiguousarray(stage.pyramids.whole.T), True),
+    "obbtex": partial(_box, oriented.NOTHING),
+    "tpatch": partial(_box, normals.TPATCH),
+    "tpatch_tight": partial(_box, normals.TPATCH_TIGHT),
+    "npatch": partial(_box, normals.NPATCH),
+}
+
+
+def box_name(name: str) -> str:
+    """The name under which `measure_times` has the box of a bound alone."""
+    return f"{name}, box"
+
+
+def measure_times(num_patches: int = 2000, repeats: int = 50) -> dict[str, float]:
+    """Seconds a patch for each of `BOUNDS`, each box of `BOXES` (`box_name`), "lookup" and "projection"; a point for the
+    domain shader without and with map."""
     displaced = _sample(num_patches, True)
-    times = {}
-    few = max(1, num_patches // 10)  # a run short enough that another process seldom comes between
+    few = max(1, num_patches // 100)  # a run short enough that another process seldom comes between
+    runs: dict[str, tuple[Callable[[], Any], int]] = {}
     for name, with_map in (("domain shader", False), ("domain shader, map", True)):
         call = _shader_call(_sample(few, with_map))
-        points = few * (GRID + 1) ** 2
-        times[name] = _best_time(partial(domain.shade_patches, *call), 5 * repeats) / points
-    times["lookup"] = _best_time(partial(displacement_ranges, displaced), repeats) / num_patches
-    some = bounds_module.BOUNDS["cbox"](displaced)
-    project = (displaced.clip_from_world, displaced.viewport, some)
-    times["projection"] = _best_time(partial(project_boxes, *project), repeats) / num_patches
-    for name, bound in bounds_module.BOUNDS.items():
-        times[name] = _best_time(partial(bound, displaced), repeats) / num_patches
-    return times
+        runs[name] = partial(domain.shade_patches, *call), few * (GRID + 1) ** 2
+    ranges, some = displacement_ranges(displaced), bounds_module.BOUNDS["cbox"](displaced)
+    runs["lookup"] = partial(displacement_ranges, displaced), num_patches
+    runs["projection"] = partial(project_boxes, displaced.clip_from_world, displaced.viewport, some), num_patches
+    for name, box in BOXES.items():
+        runs[box_name(name)] = partial(box, displaced, ranges), num_patches
+    slow: dict[str, tuple[Callable[[], Any], int]] = {
+        name: (partial(bound, displaced), num_patches) for name, bound in bounds_module.BOUNDS.items()
+    }
+    fast = {name: slow.pop(name) for name in BOXES}
+    return _best_times(runs | fast, repeats) | _best_times(slow, max(1, repeats // 10))
 
 
 # The table
@@ -363,7 +389,8 @@ def cost_table() -> str:
     ]
     for name in bounds_module.BOUNDS:
         count, total_time = counts[name], times[name]
-        box_time = total_time - times["projection"] - (times["lookup"] if count.lookup else 0.0)
+        rest = total_time - times["projection"] - (times["lookup"] if count.lookup else 0.0)
+        box_time = times.get(box_name(name), rest)
         ratios = (
             box_time / plain_time,
             count.box / plain.total,
@@ -375,7 +402,7 @@ def cost_table() -> str:
         lines.append(_row(cells + [f"{x:g}" for x in PAPER.get(name, ())]))
     lines += [
         "",
-        "time: this machine, one thread, best of several. ops: float operations of the source, comparisons included.",
+        "time: this machine, one thread, best of many. ops: float operations of the source, comparisons included.",
         "box: the box alone against a shader without a map; all: with pyramid lookup and projection against one with a map.",
     ]
     return "\n".join(lines)

@@ -10,20 +10,22 @@ two such sums, and as all weights are positive both errors are relative to w: (1
 component exceeds 1 by at most 4 u; t n and p + t n round once each. The constants below are those, rounded up, which
 covers float64 too. The maxima are over the whole patch: that is what the shader adds up, in a part of it as well.
 
-The least and the greatest of float32 numbers are exact in float32: whole Bezier patches are reduced as they lie in memory,
-16 numbers at a time. Others go by the scalar functions.
+The least and the greatest of float32 numbers are exact in float32: whole patches are reduced in it, in blocks (`lanes`),
+and widened in float64. Others go by the scalar functions.
 """
 
 import numpy as np
 
 from pipeline.bounds.gregory import most_inner_weight, reach_of_inner, widest_inner
+from pipeline.bounds.lanes import LANES, least4, most4
 from pipeline.bounds.project import allocate, project_boxes
 from pipeline.bounds.restrict import project_net, restrict_patch
+from pipeline.bounds.transpose import load_block, prefer_wide, store_block
 from pipeline.jit import helper, inlined, kernel
 from pipeline.types import F64, HullInput, PatchBounds
 
 U = 2.0**-24
-ZERO = np.float32(0.0)
+ZERO, ONE = np.float32(0.0), np.float32(1.0)
 UNDERFLOW = 2.0**-140  # above the rounding of denormal results
 
 
@@ -93,27 +95,7 @@ def _restricted_box(patches, p, domain, net):
     return lo0 - pad0, lo1 - pad1, lo2 - pad2, hi0 + pad0, hi1 + pad1, hi2 + pad2
 
 
-@helper
-def _whole_box(cp, t):
-    """The same of a whole polynomial patch cp float32[64]; t : float32[48], scratch."""
-    for c in range(16):
-        t[c] = min(min(cp[c], cp[c + 16]), min(cp[c + 32], cp[c + 48]))
-        t[c + 16] = max(max(cp[c], cp[c + 16]), max(cp[c + 32], cp[c + 48]))
-        t[c + 32] = (cp[c] * ZERO + cp[c + 16] * ZERO) + (cp[c + 32] * ZERO + cp[c + 48] * ZERO)
-    for c in range(4):
-        t[c] = min(min(t[c], t[c + 4]), min(t[c + 8], t[c + 12]))
-        t[c + 16] = max(max(t[c + 16], t[c + 20]), max(t[c + 24], t[c + 28]))
-        t[c + 32] = (t[c + 32] + t[c + 36]) + (t[c + 40] + t[c + 44])
-    x0, y0, z0 = np.float64(t[0]), np.float64(t[1]), np.float64(t[2])
-    x1, y1, z1 = np.float64(t[16]), np.float64(t[17]), np.float64(t[18])
-    poison = np.float64((t[32] + t[33]) + t[34])
-    most_x, most_y, most_z = max(abs(x0), abs(x1)), max(abs(y0), abs(y1)), max(abs(z0), abs(z1))
-    x, y, z = widen_errors(most_x, most_y, most_z, 1.0, False)
-    x, y, z = x + poison, y + poison, z + poison
-    return x0 - x, y0 - y, z0 - z, x1 + x, y1 + y, z1 + z
-
-
-@helper
+@inlined
 def _grow(lo, hi, reach):
     """Grow [lo, hi] by a displacement of at most `reach`, and by its roundings."""
     pad = reach * (1.0 + 6.0 * U) + (2.0 * U * max(abs(lo), abs(hi)) if reach > 0.0 else 0.0)
@@ -135,28 +117,134 @@ def _fill_box(p, box, reach, bounds):
 
 
 @kernel
-def _fill_boxes(patches, flat, domain, ranges, by_map, net, t, bounds):
-    for p in range(len(flat)):
-        whole = domain[p, 0] == 0.0 and domain[p, 1] == 1.0 and domain[p, 2] == 0.0 and domain[p, 3] == 1.0
-        if whole and patches.rational[p] == 0 and patches.gregory_id[p] < 0:
-            box = _whole_box(flat[p], t)
-        else:
-            box = _restricted_box(patches, p, domain, net)
+def _fill_boxes(numbers, patches, domain, ranges, by_map, net, bounds):
+    for p in numbers:
         column = patches.map_id[p] if by_map else p
         reach = max(abs(ranges[0, column]), abs(ranges[1, column])) if column >= 0 else 0.0
-        _fill_box(p, box, reach, bounds)
+        _fill_box(p, _restricted_box(patches, p, domain, net), reach, bounds)
 
 
-def bound_cartesian(stage: HullInput, ranges: F64, by_map: bool) -> PatchBounds:
-    """Cartesian boxes of all patches over their domains. A weight <= 0 gives a NaN box, which culls nothing.
+# Whole polynomial patches, in blocks. Rows of float32: the points, least, greatest and poison of x, y, z, PLAIN; of
+# float64: center, axes and the reach of the displacement.
+
+LOW, HIGH, POISON, PLAIN, ROWS = 48, 51, 54, 57, 58
+CENTER, AXES, REACH, ROWS64 = 0, 3, 12, 13
+
+
+@inlined
+def find_plain(first, count, rational, tangent_id, gregory_id, domain, row, s):
+    """Row `row` of a block: 1 where a patch is polynomial, with no tangent patches or inner points, and whole."""
+    rational, tangent_id, gregory_id = rational[first:], tangent_id[first:], gregory_id[first:]
+    for lane in range(count):
+        plain = (rational[lane] == 0) & (tangent_id[lane] < 0) & (gregory_id[lane] < 0)
+        s[row * LANES + lane] = ONE if plain else ZERO
+    domain = domain[first:]
+    for lane in range(count):
+        away = abs(domain[lane, 0]) + abs(domain[lane, 1] - 1.0) + (abs(domain[lane, 2]) + abs(domain[lane, 3] - 1.0))
+        s[row * LANES + lane] = s[row * LANES + lane] if away == 0.0 else ZERO
+
+
+@inlined
+def _least16(s, i):
+    a, b = least4(s[i], s[i + LANES], s[i + 2 * LANES], s[i + 3 * LANES]), i + 4 * LANES
+    c, d = least4(s[b], s[b + LANES], s[b + 2 * LANES], s[b + 3 * LANES]), b + 4 * LANES
+    e, f = least4(s[d], s[d + LANES], s[d + 2 * LANES], s[d + 3 * LANES]), d + 4 * LANES
+    return least4(a, c, e, least4(s[f], s[f + LANES], s[f + 2 * LANES], s[f + 3 * LANES]))
+
+
+@inlined
+def _most16(s, i):
+    a, b = most4(s[i], s[i + LANES], s[i + 2 * LANES], s[i + 3 * LANES]), i + 4 * LANES
+    c, d = most4(s[b], s[b + LANES], s[b + 2 * LANES], s[b + 3 * LANES]), b + 4 * LANES
+    e, f = most4(s[d], s[d + LANES], s[d + 2 * LANES], s[d + 3 * LANES]), d + 4 * LANES
+    return most4(a, c, e, most4(s[f], s[f + LANES], s[f + 2 * LANES], s[f + 3 * LANES]))
+
+
+@inlined
+def _poison4(s, i):
+    return (s[i] * ZERO + s[i + LANES] * ZERO) + (s[i + 2 * LANES] * ZERO + s[i + 3 * LANES] * ZERO)
+
+
+@inlined
+def _reduce(s):
+    """Rows LOW, HIGH, POISON: 0, or NaN where a coordinate is not finite."""
+    prefer_wide()
+    for c in range(3):
+        for lane in range(LANES):
+            i = 16 * c * LANES + lane
+            s[(LOW + c) * LANES + lane], s[(HIGH + c) * LANES + lane] = _least16(s, i), _most16(s, i)
+            a, b = _poison4(s, i) + _poison4(s, i + 4 * LANES), _poison4(s, i + 8 * LANES) + _poison4(s, i + 12 * LANES)
+            s[(POISON + c) * LANES + lane] = a + b
+
+
+@inlined
+def _widen(s, d):
+    """Rows CENTER and the diagonal of AXES."""
+    prefer_wide()
+    for lane in range(LANES):
+        i, reach = LOW * LANES + lane, d[REACH * LANES + lane]
+        x0, y0, z0 = np.float64(s[i]), np.float64(s[i + LANES]), np.float64(s[i + 2 * LANES])
+        x1, y1, z1 = np.float64(s[i + 3 * LANES]), np.float64(s[i + 4 * LANES]), np.float64(s[i + 5 * LANES])
+        most_x, most_y, most_z = max(abs(x0), abs(x1)), max(abs(y0), abs(y1)), max(abs(z0), abs(z1))
+        x, y, z = widen_errors(most_x, most_y, most_z, 1.0, False)
+        poison = np.float64((s[i + 6 * LANES] + s[i + 7 * LANES]) + s[i + 8 * LANES])
+        x, y, z = x + poison, y + poison, z + poison
+        (x0, x1), (y0, y1) = _grow(x0 - x, x1 + x, reach), _grow(y0 - y, y1 + y, reach)
+        z0, z1 = _grow(z0 - z, z1 + z, reach)
+        i, j = CENTER * LANES + lane, AXES * LANES + lane
+        d[i], d[i + LANES], d[i + 2 * LANES] = 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (z0 + z1)
+        d[j], d[j + 4 * LANES], d[j + 8 * LANES] = 0.5 * (x1 - x0), 0.5 * (y1 - y0), 0.5 * (z1 - z0)
+
+
+@kernel
+def _fill_whole_boxes(
+    control_points, rational, gregory_id, map_id, domain, ranges, by_map, tail, s, d, center, axes, cone_cos, left
+):  # fmt: skip
+    """Boxes of all patches; left: those for which they do not hold."""
+    n, some_left = len(control_points), False
+    d[AXES * LANES : (AXES + 9) * LANES] = 0.0
+    for first in range(0, n, LANES):
+        count = min(LANES, n - first)
+        if count == LANES:
+            find_plain(first, LANES, rational, gregory_id, gregory_id, domain, PLAIN, s)
+        else:
+            find_plain(first, count, rational, gregory_id, gregory_id, domain, PLAIN, s)
+        for lane in range(count):
+            column = map_id[first + lane] if by_map else first + lane
+            reach = max(abs(ranges[0, column]), abs(ranges[1, column])) if column >= 0 else 0.0
+            d[REACH * LANES + lane] = reach
+            is_left = s[PLAIN * LANES + lane] == ZERO
+            left[first + lane] = is_left
+            some_left |= is_left
+        load_block(control_points, first, tail, s)
+        _reduce(s)
+        _widen(s, d)
+        store_block(d, CENTER, first, center)
+        store_block(d, AXES, first, axes)
+        for lane in range(count):
+            cone_cos[first + lane] = -1.0
+    return some_left
+
+
+def box_patches(stage: HullInput, ranges: F64, by_map: bool) -> PatchBounds:
+    """Cartesian boxes of all patches over their domains; what follows from them on screen is not filled in.
 
     ranges : least and greatest displacement, world units, rows float64[2, maps] (by_map) or float64[2, at least P].
     """
-    n = len(stage.patches.control_points)
-    bounds = allocate(n)
-    flat = stage.patches.control_points.reshape(n, 64)
-    net, t = np.empty((4, 4, 4)), np.empty(48, np.float32)
-    _fill_boxes(stage.patches, flat, stage.domain, ranges, by_map, net, t, bounds)
+    patches, n = stage.patches, len(stage.patches.control_points)
+    bounds, left = allocate(n), np.empty(n, np.bool_)
+    if _fill_whole_boxes(
+        patches.control_points.reshape(n, 64), patches.rational, patches.gregory_id, patches.map_id, stage.domain, ranges,
+        by_map, np.empty((LANES, 64), np.float32), np.empty(ROWS * LANES, np.float32), np.empty(ROWS64 * LANES),
+        bounds.center, bounds.axes, bounds.cone_cos, left,
+    ):  # fmt: skip
+        _fill_boxes(np.flatnonzero(left), patches, stage.domain, ranges, by_map, np.empty((4, 4, 4)), bounds)
+    return bounds
+
+
+def bound_cartesian(stage: HullInput, ranges: F64, by_map: bool) -> PatchBounds:
+    """As `box_patches`, with all that follows. A weight <= 0 gives a NaN box, which culls nothing."""
+    bounds = box_patches(stage, ranges, by_map)
     project_boxes(stage.clip_from_world, stage.viewport, bounds)
     return bounds
 

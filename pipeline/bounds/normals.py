@@ -34,6 +34,7 @@ from pipeline.bounds.fit import AXES, COSINE, DOMAIN, SINE, SIZE, TURNED, fit_bl
 from pipeline.bounds.lanes import LANES, columns, most4, restrict_rows, scratch, store_rows
 from pipeline.bounds.obb_frame import cross
 from pipeline.bounds.shared_normals import widen_normals
+from pipeline.bounds.transpose import prefer_wide
 from pipeline.jit import helper, inlined, kernel
 from pipeline.types import F64, HullInput
 
@@ -283,6 +284,7 @@ def _put(s, i, add, v):
 @helper
 def _convolve(s, a, b, n, add):
     """Cross products of a row of 4 vectors along v (rows a ..) and one of 3 (rows b ..), summed to 6 (rows n ..)."""
+    prefer_wide()
     for lane in range(LANES):
         i, j, k = a * LANES + lane, b * LANES + lane, n * LANES + lane
         a0, a1, a2, a3 = (
@@ -298,12 +300,13 @@ def _convolve(s, a, b, n, add):
 
 
 @inlined
-def _multiply(s):
-    """Normal patch, without the divisors of its basis."""
-    s[NORMALS * LANES : (NORMALS + 108) * LANES] = 0.0
+def multiply_nets(s, along_u, along_v, product):
+    """Normal patch, without the divisors of its basis, of two nets with their binomials; rows of either precision."""
+    for i in range(108 * LANES):
+        s[product * LANES + i] = 0.0
     for i in range(3):
         for k in range(4):
-            _convolve(s, ALONG_U + 4 * i, ALONG_V + 3 * k, NORMALS + 6 * (i + k), True)
+            _convolve(s, along_u + 4 * i, along_v + 3 * k, product + 6 * (i + k), True)
 
 
 @inlined
@@ -383,7 +386,7 @@ def _bound_by_normals(s, whole):
         _longest(s, ALONG_V, LONGEST_V)
     _scale(s, ALONG_U, FACTORS_U)
     _scale(s, ALONG_V, FACTORS_V)
-    _multiply(s)
+    multiply_nets(s, ALONG_U, ALONG_V, NORMALS)
     _cone_n(s)
     if some_wide:
         _find_least_z(s)

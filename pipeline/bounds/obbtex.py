@@ -4,10 +4,10 @@ Munkberg et al. 2010, section 5.1: the frame of section 3.1.1 and the min-max py
 the unit normal but its length, so the displacement grows the box by its largest magnitude along every axis.
 """
 
-from pipeline.bounds.oriented import bound_oriented
+from pipeline.bounds.oriented import NOTHING, bound_oriented
 from pipeline.types import HullInput, PatchBounds
 
 
 def bound_patches(stage: HullInput) -> PatchBounds:
     """Bound every patch over its domain. A weight <= 0 or a broken map gives a NaN box, which culls nothing."""
-    return bound_oriented(stage, None)
+    return bound_oriented(stage, NOTHING)

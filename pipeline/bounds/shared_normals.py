@@ -8,6 +8,8 @@ displacement t is wider by s |t|. Domains that touch no edge are left alone. Box
 
 import math
 
+import numpy as np
+
 from pipeline.jit import helper, kernel
 from pipeline.types import F64, HullInput
 
@@ -32,15 +34,34 @@ def _wider_cone(cosine, s):
     return wider if cosine > 0.0 and wider > 0.0 else -1.0
 
 
+@helper
+def widen_column(out, p, s):
+    """Widen column p of rows as `normals.bound_normals` has them by the slack s."""
+    if s != 0.0:  # also a NaN
+        for row in range(2):
+            out[row, p] = out[row, p] + s if out[row, p] + s < 1.0 else 1.0
+        out[2, p] = out[2, p] - s if out[2, p] - s > -1.0 else -1.0
+        out[3, p] = _wider_cone(out[3, p], s)
+
+
 @kernel
 def _widen(patches, domain, out):
     for p in range(len(patches.map_id)):
-        s = slack_of(patches, domain, p)
-        if s != 0.0:  # also a NaN
-            for row in range(2):
-                out[row, p] = out[row, p] + s if out[row, p] + s < 1.0 else 1.0
-            out[2, p] = out[2, p] - s if out[2, p] - s > -1.0 else -1.0
-            out[3, p] = _wider_cone(out[3, p], s)
+        widen_column(out, p, slack_of(patches, domain, p))
+
+
+@kernel
+def _find_slacks(patches, domain, out):
+    for p in range(len(out)):
+        out[p] = slack_of(patches, domain, p)
+
+
+def find_slacks(stage: HullInput) -> F64:
+    """Slack of each patch, float64[P]; of no patch, float64[0], where none shares normals."""
+    slacks = np.empty(len(stage.patches.map_id) if len(stage.patches.edge_row) else 0)
+    if len(slacks):
+        _find_slacks(stage.patches, stage.domain, slacks)
+    return slacks
 
 
 def widen_normals(stage: HullInput, out: F64) -> None:

@@ -1,0 +1,322 @@
+"""Bounds of the unit normals of whole Bezier patches in float32, in blocks: TPATCH, its tight form, and NPATCH.
+
+As `normals`, on what `single` has turned: differences of points in the frame, over |t|. Patches with a control vector that
+is zero, or at 90 degrees to where it should point as far as float32 can tell, are left to `normals` (row FINE); so are
+patches whose normals' cone hangs on the error below.
+
+Why it is conservative (u = 2^-24; D the largest magnitude of a turned coordinate; `cones` has the mathematics, T = TANGENT):
+
+- a turned coordinate is off by 12.3 u D (`single`), so the difference of two, rounded, by 27 u D, and a vector by
+  VECTOR_T = 47 u D. About b it is turned once more: 3 roundings a component of at most |v| <= 3.5 D, 15 u D: VECTOR_B =
+  62 u D. That direction's own length is off by 8 u, which scales dot and side alike, and z by as much the less;
+- a tangent is a positive combination of control vectors with weights that add up to 1. So that of the shader is off from
+  that of the computed vectors by T u S + VECTOR u D, and the latter is at least as long as the least dot of a vector with
+  the cone's axis. The error of `cones.combine_tangent_cones` becomes
+  (T (1 / cos(alpha_t) + 1 / cos(alpha_b)) + VECTOR_T D / dot_t + VECTOR_B D / dot_b + 3) u / sin(beta - alpha_t - alpha_b);
+- the dots that count are beyond STEEP: there float32 has their sign right, and products of two errors are less than 2^-6
+  of their sum, inside MORE;
+- sums of squares have only positive terms, so with division and root a sine and a cosine of a cone are off by less than
+  16 u of themselves, the choice of the steepest quotient by products included: ROUND; the sine of the remaining angle by
+  less than 16 u as such. Of the cone of normals the sine is found so, and the cosine from it, in float64;
+- a control vector of the normal patch, its binomials divided out, is an average of cross products a x b with |a| <= A,
+  |b| <= B. Binomials round twice, a product once, the difference once, up to 9 of them are added: 13 u sqrt(3) A B, and
+  47 u D (A + B) from the vectors. With h the least n.z the shader's normal is off by at most asin of
+  ((2 T + 3 + 23) A B + VECTOR_T D (A + B)) u / h. What is not the shader's in that is at most 1 / CLEAR, or the patch is
+  left to `normals`; where h is as far below zero there is no cone.
+"""
+
+import math
+
+import numpy as np
+
+from pipeline.bounds import normals, single
+from pipeline.bounds.cones import FLOAT64, TANGENT, U
+from pipeline.bounds.cones import ROUND as ROUND64
+from pipeline.bounds.fit import KEPT
+from pipeline.bounds.lanes import LANES
+from pipeline.bounds.normals import multiply_nets
+from pipeline.bounds.single import FINE, LARGEST, ONE, TURN_COSINE, TURN_SINE, TURNED, ZERO
+from pipeline.bounds.transpose import prefer_wide
+from pipeline.jit import inlined
+
+VECTOR_T, VECTOR_B = np.float32(47.0 * U), np.float32(62.0 * U)
+TANGENTS = np.float32(TANGENT * U)
+CROSS = np.float32(3.0 * U)
+NORMAL = np.float32((2.0 * TANGENT + 26.0) * U)
+MORE = np.float32(1.0 + 2.0**-5)
+ROUND = np.float32(2.0**-20)
+STEEP = np.float32(2.0**-8)  # dots, in units of |t|
+LEAST_SINE = np.float32(2.0**-9)
+FAR = np.float32(np.inf)
+LEAST_NORMAL = np.float32(2.0**-14)
+OWN = np.float32(23.0 * U)
+CLEAR = np.float32(2.0**8)
+TWO = np.float32(2.0)
+FIFTH, TENTH = np.float32(1.0 / 5.0), np.float32(1.0 / 10.0)
+LIMIT = np.float32(0.5)
+TINY = np.float32(U)
+
+# Rows of float32, after those of `single`. Nets of x, y and z: along u 3 x 4, along v 4 x 3; the normal patch.
+ALONG_U, ALONG_V = single.ROWS, single.ROWS + 36
+NORMALS = single.ROWS + 72  # 36 each of x, y, z
+CONE_T, CONE_B, CONE_N = (single.ROWS + 180 + 5 * k for k in range(3))  # over, under, least dot, longest squared
+LEAST_Z, WIDEST, ERROR, ACROSS_X, ACROSS_Y = (
+    single.ROWS + 195 + k for k in range(5)
+)  # sines, of what `_combine` finds
+ROWS = single.ROWS + 200
+
+# Rows of float64: |n.x|, |n.y| <= the first two, n.z >= the third, cosine of the cone or -1.
+X_MOST, Y_MOST, Z_LEAST, CONE = (KEPT + 2 + k for k in range(4))
+
+# Binomials of the places in the nets: with them in the vectors the normal patch is a plain convolution.
+FACTORS_U = tuple(np.float32(f) for f in normals.FACTORS_U)
+FACTORS_V = tuple(np.float32(f) for f in normals.FACTORS_V)
+
+
+# Control vectors
+
+
+@inlined
+def _subtract(s, target, a, b, rows):
+    """Rows target .. = rows a .. - rows b .. ."""
+    prefer_wide()
+    for i in range(rows * LANES):
+        s[target * LANES + i] = s[a * LANES + i] - s[b * LANES + i]
+
+
+@inlined
+def _differences_of(s, c):
+    u, v, points = ALONG_U + 12 * c, ALONG_V + 12 * c, TURNED + 16 * c
+    _subtract(s, u, points + 4, points, 12)
+    _subtract(s, v, points + 1, points, 3)
+    _subtract(s, v + 3, points + 5, points + 4, 3)
+    _subtract(s, v + 6, points + 9, points + 8, 3)
+    _subtract(s, v + 9, points + 13, points + 12, 3)
+
+
+@inlined
+def _differences(s):
+    _differences_of(s, 0)
+    _differences_of(s, 1)
+    _differences_of(s, 2)
+
+
+# Cones of tangents
+
+
+@inlined
+def _slope(s, row, lane, about_b):
+    """(tan^2 of a vector's angle about the axis as numerator and denominator, dot with the axis, square of its length)."""
+    i = row * LANES + lane
+    x, y, z = s[i], s[i + 12 * LANES], s[i + 24 * LANES]
+    c, d = s[TURN_COSINE * LANES + lane], s[TURN_SINE * LANES + lane]
+    dot, side = (c * x + d * y, c * y - d * x) if about_b else (x, y)
+    across, square = side * side + z * z, dot * dot
+    known = dot > STEEP
+    return (across if known else FAR), (square if known else ONE), dot, across + square
+
+
+@inlined
+def _steeper(a, b):
+    """The greater quotient of two, the lesser dot, the greater square."""
+    second = b[0] * a[1] > a[0] * b[1]
+    return (b[0] if second else a[0]), (b[1] if second else a[1]), min(a[2], b[2]), max(a[3], b[3])
+
+
+@inlined
+def _slopes(s, row, lane, about_b):
+    """The steepest of six."""
+    a, b = _slope(s, row, lane, about_b), _slope(s, row + 1, lane, about_b)
+    c, d = _slope(s, row + 2, lane, about_b), _slope(s, row + 3, lane, about_b)
+    e, f = _slope(s, row + 4, lane, about_b), _slope(s, row + 5, lane, about_b)
+    return _steeper(_steeper(_steeper(a, b), _steeper(c, d)), _steeper(e, f))
+
+
+@inlined
+def _cone(s, net, about_b, out):
+    """Rows out ..: tan^2 of a cone's half angle as a quotient, the least dot, the square of the longest vector."""
+    prefer_wide()
+    for lane in range(LANES):
+        i = out * LANES + lane
+        s[i], s[i + LANES], s[i + 2 * LANES], s[i + 3 * LANES] = _steeper(
+            _slopes(s, net, lane, about_b), _slopes(s, net + 6, lane, about_b)
+        )
+
+
+@inlined
+def _cone_t(s):
+    _cone(s, ALONG_U, False, CONE_T)
+
+
+@inlined
+def _cone_b(s):
+    _cone(s, ALONG_V, True, CONE_B)
+
+
+@inlined
+def _sine_and_cosine(over, under):
+    """Of a cone's half angle, the sine not too small, the cosine not too great; NaN where there is no cone."""
+    inverse = ONE / (over + under)
+    return math.sqrt(over * inverse) * (ONE + ROUND), math.sqrt(under * inverse) * (ONE - ROUND)
+
+
+@inlined
+def _widen(sine, error):
+    """(cos, sin) in float64 of the angle of a sine plus asin(error), as `cones.widen`; of the root 1 - error^2 is left."""
+    e = error + FLOAT64
+    cosine = math.sqrt(max((1.0 - sine) * (1.0 + sine), 0.0))
+    return cosine * (1.0 - e * e) - sine * e - ROUND64, min(sine + cosine * e + ROUND64, 1.0)
+
+
+@inlined
+def _combine(s):
+    """Rows WIDEST, ERROR, ACROSS_X, ACROSS_Y of TPATCH; FINE: 0 where the sign of a dot is not sure and decides."""
+    prefer_wide()
+    for lane in range(LANES):
+        i, j = CONE_T * LANES + lane, CONE_B * LANES + lane
+        st, ct = _sine_and_cosine(s[i], s[i + LANES])
+        sb, cb = _sine_and_cosine(s[j], s[j + LANES])
+        dot_t, dot_b, size = s[i + 2 * LANES], s[j + 2 * LANES], s[LARGEST * LANES + lane]
+        cos_beta, sin_beta = abs(s[TURN_COSINE * LANES + lane]) + ROUND, s[TURN_SINE * LANES + lane] * (ONE - ROUND)
+        apart = sin_beta * (ct * cb - st * sb) - cos_beta * (st * cb + ct * sb) - ROUND
+        inverse = (ONE + ROUND) / sin_beta
+        sine = math.sqrt(st * st + TWO * st * sb * cos_beta + sb * sb) * inverse * (ONE + ROUND)
+        spread = TANGENTS * (ct + cb) / (ct * cb) + size * (VECTOR_T * dot_b + VECTOR_B * dot_t) / (dot_t * dot_b)
+        error = (spread + CROSS) * MORE / apart + TINY
+        known = (apart > LEAST_SINE) & (sine < ONE) & (error < LIMIT)
+        s[WIDEST * LANES + lane], s[ERROR * LANES + lane] = (sine if known else ONE), (error if known else ONE)
+        s[ACROSS_X * LANES + lane] = st + error
+        s[ACROSS_Y * LANES + lane] = (sb + st * cos_beta) * inverse * (ONE + ROUND) + error
+        least = min(dot_t, dot_b)
+        clear = (least > STEEP) | (least < -STEEP)
+        s[FINE * LANES + lane] = s[FINE * LANES + lane] if clear else ZERO
+
+
+@inlined
+def _finish_tpatch(s, d, tight):
+    """Rows X_MOST .. CONE."""
+    prefer_wide()
+    for lane in range(LANES):
+        i, j = WIDEST * LANES + lane, X_MOST * LANES + lane
+        error = np.float64(s[i + LANES])
+        cosine, wide = _widen(np.float64(s[i]), error)
+        known = (cosine > 0.0) & (error < 1.0)
+        wide = wide if known else 1.0
+        if tight:
+            x, y = np.float64(s[i + 2 * LANES]) + FLOAT64, np.float64(s[i + 3 * LANES]) + FLOAT64
+            d[j], d[j + LANES] = (min(x, wide) if known else 1.0), (min(y, wide) if known else 1.0)
+        else:
+            d[j] = d[j + LANES] = wide
+        d[j + 2 * LANES] = d[j + 3 * LANES] = cosine if known else -1.0
+
+
+# The normal patch
+
+
+@inlined
+def _scale(s, net, factors):
+    """Vectors of a net, times their binomials."""
+    prefer_wide()
+    for k in range(12):
+        for lane in range(LANES):
+            i, factor = (net + k) * LANES + lane, factors[k]
+            x, y, z = s[i] * factor, s[i + 12 * LANES] * factor, s[i + 24 * LANES] * factor
+            s[i], s[i + 12 * LANES], s[i + 24 * LANES] = x, y, z
+
+
+@inlined
+def _scale_nets(s):
+    _scale(s, ALONG_U, FACTORS_U)
+    _scale(s, ALONG_V, FACTORS_V)
+
+
+@inlined
+def _slope_n(s, k, lane):
+    i = (NORMALS + k) * LANES + lane
+    x, y, z = s[i], s[i + 36 * LANES], s[i + 72 * LANES]
+    known = z > LEAST_NORMAL
+    return (x * x + y * y if known else FAR), (z * z if known else ONE), ZERO, ZERO
+
+
+@inlined
+def _slopes_n(s, k, lane):
+    """The steepest of six."""
+    a = _steeper(_steeper(_slope_n(s, k, lane), _slope_n(s, k + 1, lane)), _slope_n(s, k + 2, lane))
+    b = _steeper(_steeper(_slope_n(s, k + 3, lane), _slope_n(s, k + 4, lane)), _slope_n(s, k + 5, lane))
+    return _steeper(a, b)
+
+
+@inlined
+def _least_z(s, k, lane):
+    """Least z of six, without their binomials along v."""
+    i = (NORMALS + 72 + k) * LANES + lane
+    outer = min(s[i], s[i + 5 * LANES])
+    middle = min(s[i + LANES], s[i + 4 * LANES]) * FIFTH
+    inner = min(s[i + 2 * LANES], s[i + 3 * LANES]) * TENTH
+    return min(outer, min(middle, inner))
+
+
+@inlined
+def _cone_n(s):
+    """Rows CONE_N of the normals' cone about z; LEAST_Z: least n.z, without binomials."""
+    prefer_wide()
+    for lane in range(LANES):
+        a = _steeper(_slopes_n(s, 0, lane), _slopes_n(s, 6, lane))
+        b = _steeper(_slopes_n(s, 12, lane), _slopes_n(s, 18, lane))
+        c = _steeper(_slopes_n(s, 24, lane), _slopes_n(s, 30, lane))
+        s[CONE_N * LANES + lane], s[(CONE_N + 1) * LANES + lane], _, _ = _steeper(_steeper(a, b), c)
+        outer = min(_least_z(s, 0, lane), _least_z(s, 30, lane))
+        middle = min(_least_z(s, 6, lane), _least_z(s, 24, lane)) * FIFTH
+        inner = min(_least_z(s, 12, lane), _least_z(s, 18, lane)) * TENTH
+        s[LEAST_Z * LANES + lane] = min(outer, min(middle, inner))
+
+
+@inlined
+def _measure_npatch(s):
+    """Rows WIDEST and ERROR of the normals' cone; FINE: 0 where float32 can tell too little."""
+    prefer_wide()
+    for lane in range(LANES):
+        i, h = CONE_N * LANES + lane, s[LEAST_Z * LANES + lane]
+        sine, _ = _sine_and_cosine(s[i], s[i + LANES])
+        a = math.sqrt(s[(CONE_T + 3) * LANES + lane])
+        b = math.sqrt(s[(CONE_B + 3) * LANES + lane])
+        vectors = VECTOR_T * s[LARGEST * LANES + lane] * (a + b)
+        own = (vectors + OWN * a * b) * CLEAR
+        error = (vectors + NORMAL * a * b) * MORE / h + TINY
+        known = (h > own) & (sine < ONE) & (error < LIMIT)
+        s[WIDEST * LANES + lane], s[ERROR * LANES + lane] = (sine if known else ONE), (error if known else ONE)
+        clear = (h > own) | (h < -own)
+        s[FINE * LANES + lane] = s[FINE * LANES + lane] if clear else ZERO
+
+
+@inlined
+def _finish_npatch(s, d):
+    """Rows X_MOST .. CONE: of the normals' cone, or of the tangents' where that is narrower."""
+    prefer_wide()
+    for lane in range(LANES):
+        i, j = WIDEST * LANES + lane, X_MOST * LANES + lane
+        error = np.float64(s[i + LANES])
+        cosine, wide = _widen(np.float64(s[i]), error)
+        known = (cosine > 0.0) & (error < 1.0)
+        d[j] = min(d[j], wide) if known else d[j]
+        d[j + LANES] = d[j]
+        d[j + 2 * LANES] = d[j + 3 * LANES] = max(d[j + 2 * LANES], cosine) if known else d[j + 2 * LANES]
+
+
+@inlined
+def bound_single(kind, s, d):
+    """Rows X_MOST .. CONE of d from rows TURNED of s."""
+    _differences(s)
+    _cone_t(s)
+    _cone_b(s)
+    _combine(s)
+    if kind == normals.TPATCH_TIGHT:
+        _finish_tpatch(s, d, True)
+    else:
+        _finish_tpatch(s, d, False)
+    if kind == normals.NPATCH:
+        _scale_nets(s)
+        multiply_nets(s, ALONG_U, ALONG_V, NORMALS)
+        _cone_n(s)
+        _measure_npatch(s)
+        _finish_npatch(s, d)

@@ -1,0 +1,193 @@
+"""Control points of a block of patches into rows, one lane a patch, without going through memory one number at a time.
+
+A patch is 64 float32 in a row: x, y, z, w of each of 16 points. Of four patches, one point's four quadruples are a 4 x 4
+matrix whose transpose is four lanes of x, of y, of z and of w; sixteen patches are four of those side by side in a vector.
+Written as loads and shuffles of vectors, which LLVM does not find by itself: 4 ns a patch, where loads and stores of single
+numbers take 17. The w are left out.
+"""
+
+from typing import Any
+
+from llvmlite import ir
+from numba import extending, types
+from numba.core import cgutils
+
+from pipeline.bounds.lanes import LANES
+from pipeline.jit import helper
+
+intrinsic: Any = extending.intrinsic
+
+
+@intrinsic
+def _prefer_wide(typingctx):
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        set.add(builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite lists no attributes with values
+        return context.get_dummy_value()
+
+    return types.void(), generate
+
+
+def prefer_wide() -> None:
+    """In a kernel: loops use vectors of 512 bits where the machine has them, which LLVM by itself does on few.
+
+    Blocks are 16 lanes whatever the width, and the same bits come out. A fifth of the time of the kernels here; nothing of
+    the domain shader's, whose loops wait for other things.
+    """
+
+
+@extending.overload(prefer_wide, inline="always")
+def _prefer_wide_vectors():
+    return lambda: _prefer_wide()
+
+
+_QUADS = 4  # vectors of four lanes in a block's row
+
+
+def _join(builder: Any, parts: list[Any]) -> Any:
+    """Vectors of the same length, one after the other."""
+    while len(parts) > 1:
+        size = parts[0].type.count
+        mask = ir.Constant(ir.VectorType(ir.IntType(32), 2 * size), list(range(2 * size)))
+        parts = [builder.shuffle_vector(a, b, mask) for a, b in zip(parts[::2], parts[1::2], strict=True)]
+    return parts[0]
+
+
+def _in_quads(builder: Any, a: Any, b: Any, picks: tuple[int, int, int, int]) -> Any:
+    """In each quad of the result numbers `picks` of the quads of a (0 .. 3) and b (4 .. 7)."""
+    numbers = [4 * q + k if k < 4 else 4 * (_QUADS + q) + k - 4 for q in range(_QUADS) for k in picks]
+    return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(ir.IntType(32), 4 * _QUADS), numbers))
+
+
+@intrinsic
+def _transpose(typingctx, source, s):
+    """The same as `transpose_points`, for the compiler."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        quad, row = ir.VectorType(ir.FloatType(), 4), ir.VectorType(ir.FloatType(), 4 * _QUADS)
+        begin, out = (
+            context.make_array(kind)(context, builder, value).data
+            for kind, value in zip(signature.args, arguments, strict=True)
+        )
+
+        def at(base: Any, number: int, kind: Any) -> Any:
+            return builder.bitcast(cgutils.gep(builder, base, number), kind.as_pointer())
+
+        for k in range(16):
+            a, b, c, d = (
+                _join(
+                    builder, [builder.load(at(begin, (4 * q + r) * 64 + 4 * k, quad), align=4) for q in range(_QUADS)]
+                )
+                for r in range(4)
+            )
+            ab, cd = _in_quads(builder, a, b, (0, 4, 1, 5)), _in_quads(builder, c, d, (0, 4, 1, 5))
+            rows = [_in_quads(builder, ab, cd, (0, 1, 4, 5)), _in_quads(builder, ab, cd, (2, 3, 6, 7))]
+            ab, cd = _in_quads(builder, a, b, (2, 6, 3, 7)), _in_quads(builder, c, d, (2, 6, 3, 7))
+            rows.append(_in_quads(builder, ab, cd, (0, 1, 4, 5)))
+            for c in range(3):
+                builder.store(rows[c], at(out, (16 * c + k) * LANES, row), align=4)
+        return context.get_dummy_value()
+
+    return types.void(source, s), generate
+
+
+def transpose_points(source, s):
+    """x, y, z of source float32[LANES, 64] to rows 0, 16 and 32 .. of s float32, one row a control point 4 i + j."""
+    for lane in range(LANES):
+        for k in range(16):
+            for c in range(3):
+                s[(16 * c + k) * LANES + lane] = source[lane, 4 * k + c]
+
+
+@extending.overload(transpose_points)
+def _transpose_points(source, s):
+    return lambda source, s: _transpose(source, s)
+
+
+@helper
+def load_block(control_points, first, tail, s):
+    """Points of a block of float32[n, 64] as `transpose_points`; the last one is filled up in tail float32[LANES, 64]."""
+    n = len(control_points)
+    if first + LANES <= n:
+        transpose_points(control_points[first : first + LANES], s)
+    else:
+        for lane in range(LANES):
+            tail[lane] = control_points[min(first + lane, n - 1)]
+        transpose_points(tail, s)
+
+
+# The other way
+
+
+def _spreader(width: int) -> Any:
+    """`spread_rows` of so many rows, for the compiler: four rows and four lanes at a time."""
+
+    @intrinsic
+    def spread(typingctx, s, row, target):
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            four = ir.VectorType(ir.DoubleType(), 4)
+            rows = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+            rows = cgutils.gep(builder, rows, builder.mul(arguments[1], arguments[1].type(LANES)))
+            out = context.make_array(signature.args[2])(context, builder, arguments[2]).data
+
+            def at(base: Any, number: int, kind: Any) -> Any:
+                return builder.bitcast(cgutils.gep(builder, base, number), kind.as_pointer())
+
+            def pick(a: Any, b: Any, picks: tuple[int, int, int, int]) -> Any:
+                return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(ir.IntType(32), 4), list(picks)))
+
+            for lane in range(0, LANES, 4):
+                for r in range(0, width, 4):
+                    m = min(4, width - r)
+                    a, b, c, d = (
+                        builder.load(at(rows, (r + min(k, m - 1)) * LANES + lane, four), align=8) for k in range(4)
+                    )
+                    low, high = pick(a, b, (0, 4, 2, 6)), pick(a, b, (1, 5, 3, 7))
+                    low2, high2 = pick(c, d, (0, 4, 2, 6)), pick(c, d, (1, 5, 3, 7))
+                    columns = [
+                        pick(low, low2, (0, 1, 4, 5)), pick(high, high2, (0, 1, 4, 5)),
+                        pick(low, low2, (2, 3, 6, 7)), pick(high, high2, (2, 3, 6, 7)),
+                    ]  # fmt: skip
+                    for k, column in enumerate(columns):
+                        begin = (lane + k) * width + r
+                        if begin + 4 <= LANES * width and m > 1:  # what is too much the next lane overwrites
+                            builder.store(column, at(out, begin, four), align=8)
+                        else:
+                            for i in range(m):
+                                value = builder.extract_element(column, ir.IntType(32)(i))
+                                builder.store(value, at(out, begin + i, ir.DoubleType()))
+            return context.get_dummy_value()
+
+        return types.void(s, row, target), generate
+
+    return spread
+
+
+_spread3, _spread9 = _spreader(3), _spreader(9)
+
+
+def spread_rows(s, row, target):
+    """Rows `row` .. of s float64 to the columns of target float64[at least LANES, 3] or [at least LANES, 3, 3]."""
+    flat = target[:LANES].reshape(LANES, -1)
+    for lane in range(LANES):
+        for c in range(flat.shape[1]):
+            flat[lane, c] = s[(row + c) * LANES + lane]
+
+
+@extending.overload(spread_rows)
+def _spread_rows(s, row, target):
+    if target.ndim == 3:
+        return lambda s, row, target: _spread9(s, row, target)
+    return lambda s, row, target: _spread3(s, row, target)
+
+
+@helper
+def store_block(s, row, first, target):
+    """Rows `row` .. of a block to rows first .. of target float64[n, 3] or [n, 3, 3], as many as there are."""
+    part = target[first:]
+    if len(part) >= LANES:
+        spread_rows(s, row, part)
+    else:
+        flat = part.reshape(len(part), part.size // len(part))
+        for lane in range(len(flat)):
+            for c in range(flat.shape[1]):
+                flat[lane, c] = s[(row + c) * LANES + lane]

@@ -1,0 +1,166 @@
+"""Whole Bezier patches in float32: their bounds hold the surface, and are looser than in float64 by what is derived."""
+
+import numpy as np
+import pytest
+
+from pipeline.bounds import BOUNDS, normals, oriented
+from pipeline.bounds.cbox import position_errors
+from pipeline.bounds.general import evaluate
+from pipeline.bounds.lanes import LANES
+from pipeline.bounds.lookup import displacement_ranges
+from pipeline.bounds.project import allocate
+from pipeline.bounds.transpose import load_block, store_block
+from pipeline.jit import kernel
+from tests.naive_domain import NaiveMap
+from tests.test_box_bounds import outside
+from tests.test_domain import make_one, random_points, smooth_patch
+from tests.test_lane_bounds import by_seed, stage_of
+
+U = 2.0**-24
+KINDS = {
+    "obbtex": oriented.NOTHING,
+    "tpatch": normals.TPATCH,
+    "tpatch_tight": normals.TPATCH_TIGHT,
+    "npatch": normals.NPATCH,
+}
+by_kind = pytest.mark.parametrize("name", KINDS)
+
+
+def sheets(rng, n, bumps=0.06):
+    """Bumpy sheets of any size, some of them far from the origin for it."""
+    cp = np.stack([smooth_patch(rng, bumps) for _ in range(n)]).astype(np.float64)
+    cp[..., :3] /= cp[..., 3:]
+    cp[..., 3] = 1
+    cp[..., :3] *= 10 ** rng.uniform(-6, 6, (n, 1, 1, 1))
+    size = np.ptp(cp[..., :3].reshape(n, 16, 3), axis=1).max(axis=1)
+    cp[..., :3] += (size * 10 ** rng.uniform(-1, 3, n))[:, None, None, None] * rng.normal(size=(n, 1, 1, 3))
+    return cp.astype(np.float32)
+
+
+def staged(rng, n, reach=0.3, bumps=0.06):
+    """Those sheets, each displaced by a map of one texel: (stage, size of each, displacement of each)."""
+    cp = sheets(rng, n, bumps)
+    size = np.ptp(cp[..., :3].reshape(n, 16, 3).astype(np.float64), axis=1).max(axis=1)
+    moves = (size * reach).astype(np.float32)
+    maps = [NaiveMap(np.full((1, 1), t, np.float32), "clamp", 1.0, 0.0) for t in moves]
+    return stage_of(make_one(cp, map_id=np.arange(n)), maps), size, moves.astype(np.float64)
+
+
+def twins(stage, kind):
+    """Boxes in float32, where it is used, and in float64."""
+    ranges = displacement_ranges(stage)
+    wide = allocate(len(stage.domain))
+    oriented._box_any(stage, kind, ranges, wide)
+    return oriented.box_patches(stage, kind, ranges), wide
+
+
+# Rows and columns
+
+
+@kernel
+def _load(control_points, first, tail, s):
+    load_block(control_points, first, tail, s)
+
+
+@kernel
+def _store(s, row, first, target):
+    store_block(s, row, first, target)
+
+
+def test_points_of_a_block_become_rows_and_rows_become_boxes():
+    rng = np.random.default_rng(0)
+    cp = rng.normal(size=(LANES + 7, 64)).astype(np.float32)
+    rows, tail = np.zeros((50, LANES), np.float32), np.zeros((LANES, 64), np.float32)
+    for first, count in ((0, LANES), (LANES, 7)):
+        _load(cp, first, tail, rows.reshape(-1))
+        expected = cp[np.minimum(first + np.arange(LANES), LANES + 6)].reshape(LANES, 16, 4)[..., :3]
+        np.testing.assert_array_equal(rows[:48], expected.transpose(2, 1, 0).reshape(48, LANES))
+        assert not rows[48:].any()
+        source = rng.normal(size=(20, LANES))
+        for shape in ((3,), (3, 3)):
+            target = np.zeros((LANES + 7, *shape))
+            _store(source.reshape(-1), 5, first, target)
+            width = target[0].size
+            flat = target.reshape(LANES + 7, width)
+            np.testing.assert_array_equal(flat[first : first + count], source[5 : 5 + width, :count].T)
+            assert not flat[:first].any() and not flat[first + count :].any()
+
+
+# Beside float64
+
+
+@by_seed
+def test_boxes_are_looser_than_in_float64_by_what_is_derived(seed):
+    """At each end 16 u D |t|, 2^-8 of the shader's error and 2^-42 of the largest coordinate; D |t| is an extent."""
+    rng = np.random.default_rng(seed)
+    n = 300
+    stage, _, _ = staged(rng, n, 0.0)
+    narrow, wide = twins(stage, oriented.NOTHING)
+    half, wanted = np.linalg.norm(narrow.axes, axis=2), np.linalg.norm(wide.axes, axis=2)
+    cp = stage.patches.control_points
+    errors = np.array([np.linalg.norm(position_errors(c, 0)) for c in cp])
+    magnitude = abs(cp[..., :3]).max(axis=(1, 2, 3)).astype(np.float64)
+    extent = np.linalg.norm(np.ptp(cp[..., :3].reshape(n, 16, 3).astype(np.float64), axis=1), axis=1)
+    more = 16 * U * extent + (2.0**-8 + 2.0**-20) * errors + 2.0**-41 * magnitude
+    assert (half != wanted).any(axis=1).mean() > 0.95  # float32 was used
+    assert (half >= wanted - 2.0**-46 * magnitude[:, None]).all()
+    assert (half <= wanted + more[:, None]).all()
+    same = np.einsum("prc,prc->pr", narrow.axes, wide.axes) / (half * wanted)
+    assert (same > 1 - 1e-9).all()
+
+
+@by_seed
+@pytest.mark.parametrize("name", ["tpatch", "tpatch_tight", "npatch"])
+def test_cones_are_wider_than_in_float64_by_what_is_derived(name, seed):
+    """NPATCH's own error is at most 1 / CLEAR = 2^-8. TPATCH's is 110 u D / dot / sin(apart): as much for D = 2^6 dot and a
+    sine of 2^-3, and these sheets have less in cones narrower than 1.2."""
+    rng = np.random.default_rng([seed, 1])
+    stage, _, _ = staged(rng, 300)
+    narrow, wide = twins(stage, KINDS[name])
+    known = (narrow.cone_cos > -1) & (wide.cone_cos > -1)
+    assert known.mean() > 0.6
+    assert ((narrow.cone_cos > -1) != (wide.cone_cos > -1)).mean() < 0.02
+    ours, theirs = np.arccos(narrow.cone_cos[known]), np.arccos(np.minimum(wide.cone_cos[known], 1.0))
+    open_enough = theirs < 1.2
+    assert open_enough.mean() > 0.5
+    assert abs(ours - theirs)[open_enough].max() < 2.0**-8
+
+
+@by_seed
+@by_kind
+def test_boxes_and_cones_hold_the_surface(name, seed):
+    rng = np.random.default_rng([seed, 2])
+    n = 120
+    stage, _, moves = staged(rng, n, 0.2, 0.15)
+    bounds = BOUNDS[name](stage)
+    for p in range(n):
+        uv = np.concatenate([[[0, 0], [1, 0], [0, 1], [1, 1]], random_points(rng, 60)]).astype(np.float64)
+        cp = stage.patches.control_points[p, ..., :3].astype(np.float64)
+        a, b = evaluate(np.diff(cp, axis=0), *uv.T), evaluate(np.diff(cp, axis=1), *uv.T)
+        normal = np.cross(a, b)
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        points = evaluate(cp, *uv.T) + moves[p] * normal
+        assert outside(bounds, p, points) <= 0, f"seed {seed}, patch {p}"
+        if bounds.cone_cos[p] > -1:
+            assert (normal @ bounds.cone_axis[p] >= bounds.cone_cos[p] - 1e-12).all()
+
+
+@by_kind
+def test_what_float32_cannot_tell_is_left_to_float64(name):
+    """Rational patches, parts of patches, collapsed edges, needles and numbers that are not finite: bit for bit its boxes."""
+    rng = np.random.default_rng(4)
+    n = 60
+    stage, _, _ = staged(rng, n)
+    cp, domain = stage.patches.control_points.copy(), stage.domain.copy()
+    kind = np.arange(n) % 6
+    cp[kind == 1, :, :, 3] = 2
+    domain[kind == 2] = [0.25, 1, 0, 0.5]
+    cp[kind == 3, 3] = cp[kind == 3, 3:, :1, :][:, 0]  # an edge that is a point
+    cp[kind == 4, 1, 2, 1] = np.nan
+    cp[kind == 5] *= np.float32(1e-30)
+    patches = make_one(cp, map_id=stage.patches.map_id)
+    narrow, wide = twins(stage._replace(patches=patches, domain=domain), KINDS[name])
+    same = (np.isnan(narrow.axes) | (narrow.axes == wide.axes)).all(axis=(1, 2))
+    left = (kind == 1) | (kind == 2) | (kind == 4) | (kind == 5) | ((kind == 3) & (name != "obbtex"))
+    assert same[left].all() and not same[kind == 0].any()
+    assert (np.isnan(narrow.axes) == np.isnan(wide.axes)).all()
