@@ -57,8 +57,8 @@ def spans_of(seen: I32, patches: int) -> list[str]:
     return [" ".join(of_patch) for of_patch in spans]
 
 
-def paint(spans: Sequence[str], colors: F64, light: Sequence[float]) -> U8:
-    """Picture uint8[H, W, 4] of patches in their colours, cut to what is seen, clear elsewhere.
+def paint(spans: Sequence[str], colors: F64, light: Sequence[float], size: tuple[int, int] | None = None) -> U8:
+    """Picture uint8[H, W, 4] of patches in their colours, clear elsewhere; cut to what is seen without a size (W, H).
 
     colors : float64[P, 3], 0 to 1. light : 0 to 1, of each patch.
     """
@@ -67,10 +67,13 @@ def paint(spans: Sequence[str], colors: F64, light: Sequence[float]) -> U8:
         for p, text in enumerate(spans)
         for y, run in (span.split(":") for span in text.split())
     ]
-    if not parts:
-        return np.zeros((1, 1, 4), np.uint8)
-    y0, x0 = min(part[0] for part in parts), min(part[1] for part in parts)
-    y1, x1 = max(part[0] for part in parts), max(part[2] for part in parts)
+    if size is not None:
+        x0, y0, x1, y1 = 0, 0, size[0] - 1, size[1] - 1
+    elif parts:
+        y0, x0 = min(part[0] for part in parts), min(part[1] for part in parts)
+        y1, x1 = max(part[0] for part in parts), max(part[2] for part in parts)
+    else:
+        x0 = y0 = x1 = y1 = 0
     picture = np.zeros((y1 - y0 + 1, x1 - x0 + 1, 4), np.uint8)
     lit = np.asarray(colors) * (AMBIENT + (1.0 - AMBIENT) * np.asarray(light, np.float64)[:, None])
     for y, first, last, p in parts:
