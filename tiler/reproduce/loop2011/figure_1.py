@@ -61,7 +61,7 @@ def patch_light(samples: Samples, towards: F64) -> F64:
 
 
 def _picture(subject: Subject, towards: tuple[float, ...], distance: float, context: Context) -> list[str]:
-    size = (300, 260) if context.quick else (620, 560)
+    size = (300, 260) if context.quick else (820, 740)
     eye = subject.ball.center + distance * subject.ball.radius * unit(towards)
     scene = view_from(subject.scene, eye, subject.ball.center, subject.up, size)
     return spans_of(seen_patches(scene, context.threads), scene.num_patches)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 VIEWS = {"all inside": 0.0, "half outside": 0.5}
-WIDTH, HEIGHT = 640, 360  # of the pictures
+WIDTH, HEIGHT = 800, 450  # of the pictures
 FACTOR, QUICK_FACTOR = 8, 3
 INSIDE, CULLED = "kept", "culled: its box is outside"
 COLORS = {INSIDE: "#f0c987", CULLED: "#8fb8d8"}
