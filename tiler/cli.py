@@ -385,7 +385,7 @@ def reproduce(
     out
         Folder for the results: figure, numbers and page of each item in a folder for each paper.
     page
-        Put the table of all rows between the marks of this page, too.
+        Put rows and figures between the marks of this page, too, pictures into `img` beside it.
     quick
         Fewer views, frames and factors.
     again

@@ -20,6 +20,7 @@ from pipeline.hull import make_input
 from pipeline.types import (
     F32,
     F64,
+    I64,
     Address,
     DomainPoints,
     HullInput,
@@ -29,10 +30,13 @@ from pipeline.types import (
     Viewport,
 )
 from tiler import front_end
+from tiler.host import Host
 from tiler.scene import load_scene
 from tiler.scene.camera import camera_at
+from tiler.scene.model import Scene
 
 SAMPLES = 32
+CHUNK = 2048  # boxes at a time: their shaded points take 56 MiB
 VIEWPORT = Viewport(0, 0, 1280, 720, 0.0, 1.0)
 RANDOM = "random"  # name of a set of bumpy random patches, half of them rational
 
@@ -46,6 +50,7 @@ class Quality(NamedTuple):
     volume: float  # summed volume of the boxes / that of the references
     area: float  # summed screen area / that of the references
     cones: float  # share of patches whose normals have a known cone
+    summed: float  # volume of all boxes together, cubed world units
 
 
 def split_domains(stage: HullInput, splits: int) -> HullInput:
@@ -85,7 +90,7 @@ def shaded_grid(stage: HullInput, samples: int = SAMPLES) -> F32:
     return np.ascontiguousarray(points.clip[:3].T).reshape(n, size, 3)
 
 
-def _reference(stage: HullInput, points: F32) -> tuple[F64, F64]:
+def reference_boxes(stage: HullInput, points: F32) -> tuple[F64, F64]:
     """Centre float64[P, 3] and half-extent vectors float64[P, 3, 3] of the points' boxes in the oriented frame."""
     axes = BOUNDS["obbtex"](stage).axes
     length = np.linalg.norm(axes, axis=2, keepdims=True)
@@ -95,7 +100,8 @@ def _reference(stage: HullInput, points: F32) -> tuple[F64, F64]:
     return np.einsum("pr,prc->pc", (lo + hi) / 2, frame), frame * ((hi - lo) / 2)[..., None]
 
 
-def _volumes(axes: F64) -> F64:
+def box_volumes(axes: F64) -> F64:
+    """Volumes of boxes by their half-extent vectors, float64[P, 3, 3]."""
     return 8.0 * np.prod(np.linalg.norm(axes, axis=2), axis=1)
 
 
@@ -108,38 +114,75 @@ def _areas(center: F64, axes: F64, matrix: F32) -> F64:
     return np.prod(np.ptp(clip[..., :2] / w, axis=1), axis=1)
 
 
-def measure(scene: str, stage: HullInput, names: Sequence[str] | None = None, splits: int = 0) -> list[Quality]:
-    """Quality of the named bounds (all without names) over the patches of a stage; `scene` is a name to print."""
-    stage = split_domains(stage, splits) if splits else stage
-    chosen: dict[str, PatchBounds] = {name: BOUNDS[name](stage) for name in (BOUNDS if names is None else names)}
-    center, axes = _reference(stage, shaded_grid(stage))
-    reference = _volumes(axes).sum()
+def measure(
+    scene: str, stage: HullInput, names: Sequence[str] | None = None, splits: int = 0, threads: int = 1
+) -> list[Quality]:
+    """Quality of the named bounds (all without names) over the patches of a stage; `scene` is a name to print.
+
+    threads : of this computer; the result does not depend on it.
+    """
+    chosen = list(BOUNDS if names is None else names)
+    n = len(stage.patches.control_points)
+    step = max(1, CHUNK >> 2 * splits)
+    chunks: list[dict[str, F64]] = [{}] * -(-n // step)
+
+    def work(c: int) -> None:
+        part = rows_of_stage(stage, np.arange(c * step, min((c + 1) * step, n)))
+        chunks[c] = _measure_chunk(split_domains(part, splits) if splits else part, chosen)
+
+    with Host(threads) as host:
+        host.run(work, len(chunks))
+    sums = {name: sum((found[name] for found in chunks), np.zeros(5)) for name in chosen}
+    boxes = n << 2 * splits
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return [
+            Quality(
+                scene=scene,
+                bound=name,
+                patches=boxes,
+                volume=float(volume / reference),
+                area=float(area / reference_area),
+                cones=float(cones / boxes),
+                summed=float(volume),
+            )
+            for name, (volume, reference, area, reference_area, cones) in sums.items()
+        ]
+
+
+def _measure_chunk(stage: HullInput, names: Sequence[str]) -> dict[str, F64]:
+    """For each bound the sums over the stage: volume, that of the references, area, that of the references, known cones."""
+    chosen: dict[str, PatchBounds] = {name: BOUNDS[name](stage) for name in names}
+    center, axes = reference_boxes(stage, shaded_grid(stage))
     reference_areas = _areas(center, axes, stage.clip_from_world)
     areas = {name: _areas(b.center, b.axes, stage.clip_from_world) for name, b in chosen.items()}
     shown = np.isfinite(np.stack([reference_areas, *areas.values()])).all(axis=0)
-    return [
-        Quality(
-            scene=scene,
-            bound=name,
-            patches=len(center),
-            volume=float(_volumes(b.axes).sum() / reference),
-            area=float(areas[name][shown].sum() / reference_areas[shown].sum()) if shown.any() else float("nan"),
-            cones=float((b.cone_cos > -1).mean()),
+    reference, reference_area = box_volumes(axes).sum(), reference_areas[shown].sum()
+    return {
+        name: np.array(
+            [box_volumes(b.axes).sum(), reference, areas[name][shown].sum(), reference_area, (b.cone_cos > -1).sum()]
         )
         for name, b in chosen.items()
-    ]
+    }
+
+
+def rows_of_stage(stage: HullInput, rows: I64) -> HullInput:
+    """The stage with only these patches."""
+    factors = TessFactors(stage.factors.edge[rows], stage.factors.inside[rows])
+    return stage._replace(patches=stage.patches.take(rows), factors=factors, domain=stage.domain[rows])
 
 
 def scene_stage(name: str) -> HullInput:
     """Hull stage's input of a built-in scene's (or scene file's) first frame; of the random patches for `RANDOM`."""
-    if name == RANDOM:
-        return random_stage()
-    scene = load_scene(name)
+    return random_stage() if name == RANDOM else stage_of(load_scene(name))
+
+
+def stage_of(scene: Scene, number: float = 0) -> HullInput:
+    """Hull stage's input of a scene's frame."""
     viewport = Viewport(0, 0, scene.picture.width, scene.picture.height, 0.0, 1.0)
-    camera = camera_at(scene.camera, 0, viewport.width / viewport.height)
-    patches = front_end.run_vertex_shader(scene, 0)
+    camera = camera_at(scene.camera, number, viewport.width / viewport.height)
+    patches = front_end.run_vertex_shader(scene, number)
     factors = front_end.tess_factors(scene.tessellation, patches, camera, viewport)
-    return front_end.hull_input(scene, patches, front_end.scene_maps(scene, 0), factors, camera, viewport)
+    return front_end.hull_input(scene, patches, front_end.scene_maps(scene, number), factors, camera, viewport)
 
 
 def random_stage(n: int = 500, seed: int = 0) -> HullInput:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from tiler.errors import TilerError, unknown_name
+from tiler.files import make_folder, write_bytes
 from tiler.host import available_threads
 from tiler.progress import Progress
 from tiler.reproduce import page
@@ -69,13 +70,22 @@ def run_command(request: ReproduceRequest, tell: Callable[[str], None]) -> dict[
         tell(item_text(done[-1], request.out))
     if request.page is not None:
         for paper in dict.fromkeys(paper for paper, _ in chosen):
-            replace_block(request.page, paper, paper_table(paper, request.out))
+            tell_on_page(request.page, paper, request.out)
     return _summary(request, done)
 
 
-def paper_table(paper: str, out: Path) -> str:
-    """All rows of a paper's items that stand in a folder, as one table in Markdown."""
-    return page.items_table([(record["item"], "", rows_of(record)) for record in standing(paper, out)])
+def tell_on_page(path: Path, paper: str, out: Path) -> None:
+    """Put what stands of a paper between its marks of a page: rows, and figures, which are copied into `img` beside it."""
+    records = standing(paper, out)
+    parts = [page.digest([(record, rows_of(record)) for record in records])]
+    for record in records:
+        picture = f"{record['item']}.png"
+        if picture in record["files"]:
+            copy = f"img/{paper}-{picture}"
+            make_folder(path.parent / "img")
+            write_bytes(path.parent / copy, (out / paper / picture).read_bytes())
+            parts.append(f"![{record['title']}]({copy})\n\n*{record['item']}: {record['title']}*")
+    replace_block(path, paper, "\n\n".join(parts))
 
 
 def item_text(done: Done, out: Path) -> str:

@@ -74,6 +74,25 @@ def items_table(items: Sequence[tuple[str, str, Sequence[Row]]]) -> str:
     return _table(lines, ("item", *HEAD), (2, 3, 5))
 
 
+def digest(items: Sequence[tuple[dict[str, Any], Sequence[Row]]]) -> str:
+    """What a page of several papers shows: rows with a published value and rows that fail; the others as one line an item."""
+    lines = []
+    for record, rows in items:
+        shown = [row for row in rows if row.published is not None or row_ok(row) is False]
+        rest = [row for row in rows if row not in shown and row_ok(row)]
+        title = record["item"]
+        for row in shown:
+            lines.append([title, *_cells(row)])
+            title = ""
+        if rest:
+            checks = f"{'other ' if shown else ''}check{'' if len(rest) == 1 else 's'}"
+            more = f"{len(rest)} {checks} of what has no printed value"
+            lines.append([title, more, *[""] * 5, VERDICTS[True], ""])
+        elif not shown:
+            lines.append([title, record["title"], *[""] * 7])
+    return _table(lines, ("item", *HEAD), (2, 3, 5))
+
+
 def _table(lines: list[list[str]], heads: Sequence[str], numbers: Sequence[int]) -> str:
     kept = [k for k in range(len(heads)) if heads[k] in ("item", "measured") or any(line[k] for line in lines)]
     cells = [[line[k] for k in kept] for line in lines]
