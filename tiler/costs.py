@@ -30,7 +30,7 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -43,7 +43,7 @@ from pipeline.bounds.lookup import displacement_ranges
 from pipeline.bounds.project import project_boxes
 from pipeline.displacement import pack_maps
 from pipeline.hull import make_input
-from pipeline.types import F64, Address, DomainPoints, HullInput, PatchBounds, Patterns, Viewport
+from pipeline.types import F64, Address, DomainPoints, FaceCull, HullInput, PatchBounds, Patterns, Viewport
 from pipeline.vertex import make_patches
 
 PAPER = {  # relative to one domain-shader invocation: instructions, Core i7
@@ -307,6 +307,24 @@ def count_operations(num_patches: int = 4) -> dict[str, Operations]:
             tally.clear()
             bound(displaced)
             counts[name] = _operations(tally, num_patches)
+    return counts
+
+
+CULL_SAMPLE = 32  # patches: full blocks of lanes of every back-patch test
+
+
+def count_cull_operations(names: Sequence[str]) -> dict[str, float]:
+    """Operations a patch of cull tests, names of `CULL_TESTS`, on smooth patches that all of them look at. Takes seconds."""
+    stage = _sample(CULL_SAMPLE, False)._replace(eye=np.array([0.3, 0.2, 9.0]), face_cull=int(FaceCull.BACK))
+    bounds = bounds_module.BOUNDS["cbox"](stage)
+    tally: Tally = Counter()
+    counts = {}
+    with _counting_pipeline(tally), np.errstate(all="ignore"):
+        tests = importlib.import_module("pipeline.culling").CULL_TESTS
+        for name in names:
+            tally.clear()
+            tests[name](stage, bounds, np.zeros(CULL_SAMPLE, np.uint8))
+            counts[name] = tally.total() / CULL_SAMPLE
     return counts
 
 

@@ -1,3 +1,3 @@
 """Loop, Nießner, Eisenacher 2011, Effective Back-Patch Culling for Hardware Tessellation."""
 
-ITEMS: tuple[str, ...] = ()
+ITEMS = ("table_1", "figure_1", "figure_2", "degenerate")
