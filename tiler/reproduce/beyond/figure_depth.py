@@ -20,7 +20,7 @@ QUICK_LAYERS = (1, 8, 16)
 SIZE, QUICK_SIZE = (1920, 1080), (480, 270)
 FACTOR = 16
 
-# Stated before measuring: what lies behind the visible adds tests, not shading.
+# Stated before measuring (the view was narrowed after it): what lies behind the visible adds tests, not shading.
 STEADY = Tolerance(at_most=2.0)  # from 8 rows on; the patches that stand free at the top are seen through the forest
 FEWER = Tolerance(at_least=10.0)  # in the deepest forest
 

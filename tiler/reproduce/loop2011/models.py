@@ -70,7 +70,7 @@ def _frog(context: Context) -> Subject:
     assert context.models is not None
     file = context.models / MODELS["monsterfrog"].file
     scene = load_scene(file)
-    surface, vertices, _ = read_surface(file, "acc", "uniform", False)
+    surface, vertices, _, _ = read_surface(file, "acc", "uniform", False)
     scene = replace(scene, meshes=(replace(scene.meshes[0], surface=surface, vertices=vertices),))
     told = f"monsterfrog is `{file.name}` after one Catmull-Clark step, without its map: {scene.num_patches:,} patches."
     return _subject("monsterfrog", scene, told, "monsterfrog", True)

@@ -21,8 +21,8 @@ PUBLISHED = {
 TAYLOR_OF_NPATCH = 25.0
 TPATCH_SHARE = 25.0  # per cent that TPATCH adds to a patch of 16 vertices
 # Stated before measuring. Counts: the paper's are instructions of a GPU that does up to five operations in each, ours are
-# operations, so a factor of two either way. Times: ours are bounded in float64, half the lanes of the float32 shader, which
-# doubles the ratio by itself; another half for compilers and processors.
+# operations, so a factor of two either way. Times: when this was settled ours were bounded in float64, half the lanes of the
+# float32 shader, which doubles the ratio by itself; another half for compilers and processors.
 OPERATIONS_FACTOR = 2.0
 TIMES_FACTOR = 3.0
 
