@@ -4,7 +4,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from pipeline.bounds import BOUNDS
-from tiler.costs import count_operations, measure_times
+from tiler.costs import box_name, count_operations, measure_times
 from tiler.reproduce import style
 from tiler.reproduce.item import Context, Item, Result, Row, Tolerance, within_factor
 
@@ -49,7 +49,8 @@ def _table(context: Context) -> dict[str, list[Any]]:
     table: dict[str, list[Any]] = {name: [] for name in UNITS}
     for name in BOUNDS:
         count, all_time = counts[name], times[name]
-        box_time = max(0.0, all_time - times["projection"] - (times["lookup"] if count.lookup else 0.0))
+        rest = max(0.0, all_time - times["projection"] - (times["lookup"] if count.lookup else 0.0))
+        box_time = times.get(box_name(name), rest)
         values = (
             name, count.box, count.total, count.box / plain.total, count.total / mapped.total,
             box_time / times["domain shader"], all_time / times["domain shader, map"], all_time * 1e9,
