@@ -71,10 +71,14 @@ def test_public_names_are_complete_and_documented():
         "__version__",
         "load_scene",
         "load_study",
+        "register_bound",
+        "register_cull_test",
         "scene_names",
         "simulate",
         "sweep",
+        "unregister",
         "write_report",
+        "write_trace",
     }
     assert dir(tiler) == sorted(tiler.__all__)
     for name in tiler.__all__:

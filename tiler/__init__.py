@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from tiler.simulation import simulate as simulate
     from tiler.study.results import load_study as load_study
     from tiler.study.run import sweep as sweep
+    from tiler.trace.write import write_trace as write_trace
 
 __version__ = "0.1.0"
 
@@ -36,6 +37,7 @@ _HOME = {
     "sweep": "tiler.study.run",
     "unregister": "tiler.extensions",
     "write_report": "tiler.report.write",
+    "write_trace": "tiler.trace.write",
 }
 
 __all__ = [
@@ -53,6 +55,7 @@ __all__ = [
     "sweep",
     "unregister",
     "write_report",
+    "write_trace",
 ]
 
 
