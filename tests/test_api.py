@@ -69,6 +69,7 @@ def test_public_names_are_complete_and_documented():
         "Scene",
         "TilerError",
         "__version__",
+        "export_glb",
         "load_scene",
         "load_study",
         "register_bound",

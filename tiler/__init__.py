@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from tiler.extensions import register_cull_test as register_cull_test
     from tiler.extensions import unregister as unregister
     from tiler.frame import Frame as Frame
+    from tiler.glb import export_glb as export_glb
     from tiler.report.write import write_report as write_report
     from tiler.scene import Scene as Scene
     from tiler.scene import load_scene as load_scene
@@ -28,6 +29,7 @@ _HOME = {
     "Machine": "tiler.config",
     "Scene": "tiler.scene",
     "TilerError": "tiler.errors",
+    "export_glb": "tiler.glb",
     "load_scene": "tiler.scene",
     "load_study": "tiler.study.results",
     "register_bound": "tiler.extensions",
@@ -46,6 +48,7 @@ __all__ = [
     "Scene",
     "TilerError",
     "__version__",
+    "export_glb",
     "load_scene",
     "load_study",
     "register_bound",
