@@ -70,12 +70,17 @@ def test_public_names_are_complete_and_documented():
         "Shared",
         "TilerError",
         "__version__",
+        "export_glb",
         "load_scene",
         "load_study",
+        "register_bound",
+        "register_cull_test",
         "scene_names",
         "simulate",
         "sweep",
+        "unregister",
         "write_report",
+        "write_trace",
     }
     assert dir(tiler) == sorted(tiler.__all__)
     for name in tiler.__all__:

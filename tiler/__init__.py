@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from tiler.extensions import register_cull_test as register_cull_test
     from tiler.extensions import unregister as unregister
     from tiler.frame import Frame as Frame
+    from tiler.glb import export_glb as export_glb
     from tiler.report.write import write_report as write_report
     from tiler.scene import Scene as Scene
     from tiler.scene import load_scene as load_scene
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from tiler.simulation import simulate as simulate
     from tiler.study.results import load_study as load_study
     from tiler.study.run import sweep as sweep
+    from tiler.trace.write import write_trace as write_trace
 
 __version__ = "0.1.0"
 
@@ -29,6 +31,7 @@ _HOME = {
     "Scene": "tiler.scene",
     "Shared": "tiler.shared",
     "TilerError": "tiler.errors",
+    "export_glb": "tiler.glb",
     "load_scene": "tiler.scene",
     "load_study": "tiler.study.results",
     "register_bound": "tiler.extensions",
@@ -38,6 +41,7 @@ _HOME = {
     "sweep": "tiler.study.run",
     "unregister": "tiler.extensions",
     "write_report": "tiler.report.write",
+    "write_trace": "tiler.trace.write",
 }
 
 __all__ = [
@@ -47,6 +51,7 @@ __all__ = [
     "Shared",
     "TilerError",
     "__version__",
+    "export_glb",
     "load_scene",
     "load_study",
     "register_bound",
@@ -56,6 +61,7 @@ __all__ = [
     "sweep",
     "unregister",
     "write_report",
+    "write_trace",
 ]
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from tiler.frame import Frame
 from tiler.scene.model import Scene
 from tiler.shared import Shared
 from tiler.simulation import simulate
+
+if TYPE_CHECKING:
+    import pandas
 
 EVERYTHING: dict[str, object] = {
     "bounds": "cbox",
@@ -60,6 +64,23 @@ class Comparison:
         lines = ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]
         same = all(self.same_picture().values())
         return "\n".join([*lines, "", "pictures: bit-identical" if same else "pictures: DIFFERENT"])
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A row a counter and a column a machine, the baseline first, as a pandas DataFrame.
+
+        Raises TilerError where pandas is not installed.
+        """
+        from tiler.notebook import pandas_for
+
+        pandas = pandas_for("to_dataframe", "frames and their counters, or table()")
+        made = pandas.DataFrame({name: dict(frame.counters) for name, frame in self.frames.items()})
+        made.index.name = "counter"
+        return made
+
+    def _repr_html_(self) -> str:
+        from tiler.notebook import comparison_html
+
+        return comparison_html(self)
 
 
 def _ratio(value: int, baseline: int) -> str:

@@ -216,6 +216,11 @@ class Counters(Mapping[str, int]):
     def __repr__(self) -> str:
         return f"Counters({self._values!r})"
 
+    def _repr_html_(self) -> str:
+        from tiler.notebook import counters_html
+
+        return counters_html(self)
+
     def table(self) -> str:
         """The counters as aligned text: stage, name, value, unit."""
         stage_width = max(len(d.stage) for d in DEFINITIONS.values())

@@ -11,6 +11,7 @@ from tiler.errors import TilerError, unknown_name
 from tiler.queues import Queues
 
 if TYPE_CHECKING:
+    import pandas
     from PIL.Image import Image
 
     from tiler.blame import Blame
@@ -95,6 +96,31 @@ class Frame:
         if name not in self.tiles:
             raise TilerError(f"heatmap: {name!r} is not a per-tile counter; {unknown_name(name, self.tiles)}")
         return self.tiles[name]
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A row a tile as a pandas DataFrame, indexed by x and y of the tile: all per-tile counters.
+
+        Its `attrs` say scene, frame and machine. Raises TilerError where pandas is not installed.
+        """
+        from tiler.notebook import pandas_for
+
+        pandas = pandas_for("to_dataframe", "frame.tiles, arrays by name")
+        tiles_y, tiles_x = self.queues.entries.shape
+        y, x = np.divmod(np.arange(tiles_y * tiles_x), tiles_x)
+        index = pandas.MultiIndex.from_arrays([x, y], names=["x", "y"])
+        made = pandas.DataFrame({name: values.ravel() for name, values in self.tiles.items()}, index=index)
+        made.attrs = {"scene": self.scene, "frame": self.number, "machine": self.machine.model_dump(mode="json")}
+        return made
+
+    def _repr_png_(self) -> bytes:
+        from tiler.notebook import png
+
+        return png(self.image())
+
+    def _repr_html_(self) -> str:
+        from tiler.notebook import frame_html
+
+        return frame_html(self)
 
     def __repr__(self) -> str:
         height, width = self.depth.shape

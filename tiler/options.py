@@ -170,12 +170,17 @@ def parse_cull(text: str) -> tuple[str, ...]:
 
 def parse_frames(text: str) -> list[int]:
     """Frame numbers from 0..47 or a list such as 0,12,24."""
+    return parse_numbers(text, "frames")
+
+
+def parse_numbers(text: str, what: str) -> list[int]:
+    """Numbers from 0..47 or a list such as 0,12,24; `what` they are, in plural, for errors."""
     numbers: list[int] = []
     for part in text.split(","):
         first, found, last = part.strip().partition("..")
         if not (first.isdigit() and (not found or last.isdigit())):
-            raise TilerError(f"frames: {text!r} is not allowed; allowed: FIRST..LAST or numbers separated by commas")
+            raise TilerError(f"{what}: {text!r} is not allowed; allowed: FIRST..LAST or numbers separated by commas")
         numbers.extend(range(int(first), int(last if found else first) + 1))
     if not numbers or len(set(numbers)) != len(numbers):
-        raise TilerError(f"frames: {text!r} names no frame, or one twice; allowed: FIRST..LAST with FIRST <= LAST")
+        raise TilerError(f"{what}: {text!r} names none, or one twice; allowed: FIRST..LAST with FIRST <= LAST")
     return numbers

@@ -33,7 +33,10 @@ from pipeline.bounds.transpose import prefer_wide
 from pipeline.jit import inlined
 
 U = 2.0**-24
-SHADER = np.float32(error_factor(False) * (1.0 + 2.0**-8))
+POLYNOMIAL = getattr(error_factor, "py_func", error_factor)(
+    False
+)  # as Python: to compile it takes every process a while
+SHADER = np.float32(POLYNOMIAL * (1.0 + 2.0**-8))
 TURN = np.float32(16.0 * U)  # of D
 AXIS = np.float32(2.0**-42)  # of the largest coordinate
 HALF = np.float32(0.5)

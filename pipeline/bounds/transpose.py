@@ -14,6 +14,7 @@ from numba.core import cgutils
 
 from pipeline.bounds.lanes import LANES
 from pipeline.jit import helper
+from pipeline.types import F32, F64
 
 intrinsic: Any = extending.intrinsic
 
@@ -90,7 +91,7 @@ def _transpose(typingctx, source, s):
     return types.void(source, s), generate
 
 
-def transpose_points(source, s):
+def transpose_points(source: F32, s: F32) -> None:
     """x, y, z of source float32[LANES, 64] to rows 0, 16 and 32 .. of s float32, one row a control point 4 i + j."""
     for lane in range(LANES):
         for k in range(16):
@@ -165,7 +166,7 @@ def _spreader(width: int) -> Any:
 _spread3, _spread9 = _spreader(3), _spreader(9)
 
 
-def spread_rows(s, row, target):
+def spread_rows(s: F64, row: int, target: F64) -> None:
     """Rows `row` .. of s float64 to the columns of target float64[at least LANES, 3] or [at least LANES, 3, 3]."""
     flat = target[:LANES].reshape(LANES, -1)
     for lane in range(LANES):

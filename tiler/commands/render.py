@@ -23,6 +23,8 @@ def render(
     frames: str | None = None,
     heatmap: str | None = None,
     report: Path | None = None,
+    trace: Path | None = None,
+    trace_model: str = "wide",
     threads: int | None = None,
     json: JsonPath = None,
     quiet: Quiet = False,
@@ -30,7 +32,8 @@ def render(
     """Draw a frame: color.png, depth.npy and counters.json in a folder, and a table of counters.
 
     Examples: `tiler render teapot`; `tiler render waves --size 1920x1080 --binning triangle`;
-    `tiler render spikelog --frames 0..47 --out walk` (interrupted, it goes on where it stopped).
+    `tiler render spikelog --frames 0..47 --out walk` (interrupted, it goes on where it stopped);
+    `tiler render teapot --cores 8 --trace trace.json.gz` (open it at https://ui.perfetto.dev).
 
     Parameters
     ----------
@@ -48,6 +51,11 @@ def render(
         depth_complexity, bounds_overlap.
     report
         Write a report too: one .html file with the picture, maps over it, counters and where the work goes (one frame).
+    trace
+        Write a timeline too, .json or .json.gz for Perfetto: front end, simulated cores with their tiles and patches, queues
+        (one frame, drawn once more for it).
+    trace_model
+        Cost model that the timeline's cycles are from: munkberg2010, wide, or a .toml file.
     threads
         Threads of this computer to use; all by default. The result does not depend on it.
     json
@@ -67,8 +75,14 @@ def render(
         from tiler.report.command import check_report
 
         check_report(report)
+    if trace is not None and len(numbers) > 1:
+        raise TilerError(f"trace: {len(numbers)} frames are asked for; allowed: one")
     opened = open_scene(scene, scene_options or SceneOptions())
     machine = make_machine(machine_options or MachineOptions())
+    if trace is not None:
+        from tiler.trace.write import check_trace, write_trace
+
+        check_trace(trace, machine, trace_model)
     if "wasted_domain_points" in names and not machine.blame:
         raise TilerError("heatmap: 'wasted_domain_points' is not known of this machine; allowed: with --blame")
     drawn: list[Frame] = []
@@ -77,6 +91,8 @@ def render(
         records = render_to_folder(opened, machine, numbers, out, names, threads, bar.update, keep)
     if report is not None:
         report_to(report, drawn[0], opened)
+    if trace is not None:
+        write_trace(opened, machine, trace, frame=numbers[0], model=trace_model, threads=threads)
     if not write_result(render_result(opened, machine, records), json) and not quiet:
         from tiler.counters import Counters
 

@@ -3,6 +3,7 @@
 import contextlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -63,6 +64,10 @@ class Study:
         """
         return list(self._rows(columns, where))
 
+    def head(self, count: int, columns: Sequence[str] | None = None) -> list[dict[str, Any]]:
+        """The first rows that there are; columns : all by default."""
+        return list(islice(self._rows(columns, {}), count))
+
     def to_dict(self, columns: Sequence[str] | None = None, **where: Any) -> dict[str, list[Any]]:
         """Lists of values by column."""
         names = self._known(columns)
@@ -71,12 +76,9 @@ class Study:
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """The table as a pandas DataFrame, with `meta` in its `attrs`. Raises TilerError where pandas is not installed."""
-        try:
-            import pandas
-        except ImportError:
-            raise TilerError(
-                "to_dataframe: pandas is not installed; allowed: after `pip install pandas`, or rows() and to_dict()"
-            ) from None
+        from tiler.notebook import pandas_for
+
+        pandas = pandas_for("to_dataframe", "rows() and to_dict()")
         frame = pandas.DataFrame(self.to_dict())
         frame.attrs = dict(self.meta)
         return frame
@@ -104,6 +106,11 @@ class Study:
         from tiler.study.plots import plot
 
         return plot(self, x, y, by, Path(file) if file is not None else None, where)
+
+    def _repr_html_(self) -> str:
+        from tiler.notebook import study_html
+
+        return study_html(self)
 
     def __len__(self) -> int:
         return self.tally().done
