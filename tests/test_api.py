@@ -57,6 +57,12 @@ print([name for name in {HEAVY} if name in sys.modules], seconds)
     assert float(seconds) < 0.5
 
 
+def test_importing_the_machine_compiles_nothing():
+    """A helper that is called while a module is imported would be compiled by every process: helpers are not cached."""
+    code = "import tiler.machine, tiler.simulation\nfrom pipeline.jit import announcer\nprint(announcer.compiled)"
+    assert run_python(code) == "0"
+
+
 def test_scenes_need_no_mesh_library():
     """trimesh is loaded where a mesh file is read, and nowhere else."""
     assert run_python("import sys, tiler; tiler.load_scene('teapot'); print('trimesh' in sys.modules)") == "False"
