@@ -77,6 +77,7 @@ def test_public_names_are_complete_and_documented():
         "TilerError",
         "__version__",
         "export_glb",
+        "load_machine",
         "load_scene",
         "load_study",
         "register_bound",

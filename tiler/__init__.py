@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from tiler.extensions import unregister as unregister
     from tiler.frame import Frame as Frame
     from tiler.glb import export_glb as export_glb
+    from tiler.presets import load_machine as load_machine
     from tiler.report.write import write_report as write_report
     from tiler.scene import Scene as Scene
     from tiler.scene import load_scene as load_scene
@@ -32,6 +33,7 @@ _HOME = {
     "Shared": "tiler.shared",
     "TilerError": "tiler.errors",
     "export_glb": "tiler.glb",
+    "load_machine": "tiler.presets",
     "load_scene": "tiler.scene",
     "load_study": "tiler.study.results",
     "register_bound": "tiler.extensions",
@@ -52,6 +54,7 @@ __all__ = [
     "TilerError",
     "__version__",
     "export_glb",
+    "load_machine",
     "load_scene",
     "load_study",
     "register_bound",

@@ -1,7 +1,4 @@
-"""The command `tiler`. Results go to standard output, talk to standard error.
-
-Exit status: 0 fine, 1 a check failed, 2 bad input, 130 interrupted, 141 standard output was closed.
-"""
+"""The command `tiler`. Results go to standard output, talk to standard error; how it ends is told in its help."""
 
 import os
 import sys
@@ -14,12 +11,12 @@ from tiler import __version__
 from tiler.commands.bench import bench
 from tiler.commands.compare import compare, cost
 from tiler.commands.export import export
-from tiler.commands.listings import counters, info, scenes
+from tiler.commands.listings import counters, info, machines, scenes
 from tiler.commands.output import show_warning
 from tiler.commands.plugins import load_named_plugins
 from tiler.commands.render import render
 from tiler.commands.studies import reproduce, sweep
-from tiler.commands.upkeep import doctor, warmup
+from tiler.commands.upkeep import completion, doctor, warmup
 from tiler.commands.validate import validate
 from tiler.errors import TilerError
 
@@ -28,12 +25,16 @@ app = App(
     version=__version__,
     suppress_keyboard_interrupt=False,
     help="Simulate a tile-based sort-middle rasterizer with the Direct3D 11 tessellation pipeline.\n\n"
-    "With `--plugin FILE.py` (or a module's name) anywhere: bounds and cull tests of your own (docs/extending.md).",
+    "With `--plugin FILE.py` (or a module's name) anywhere: bounds and cull tests of your own (docs/extending.md).\n\n"
+    "Exit status: 0 fine; 1 a check failed (pictures differ, a violation, a row that failed); 2 bad input; 130 interrupted; "
+    "141 standard output was closed. Results go to standard output, or as JSON where --json says; talk goes to standard error.",
 )
 for command in (
-    scenes, render, compare, cost, sweep, reproduce, validate, export, info, bench, counters, warmup, doctor,
+    scenes, render, compare, cost, sweep, reproduce, validate, export, info, bench, counters, machines, warmup, doctor,
+    completion,
 ):  # fmt: skip
     app.command(command)
+app.register_install_completion_command(help="Make your shell complete commands and options (bash, zsh, fish).")
 
 
 def main() -> NoReturn:

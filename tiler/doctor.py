@@ -3,29 +3,43 @@
 import importlib.metadata
 import platform
 import sys
+from typing import Any
 
 DISTRIBUTION = "tilesim"
 SHOWN = ("numpy", "numba", "llvmlite", "pillow", "pydantic", "cyclopts", "rich", "trimesh")
 
 
-def diagnose() -> tuple[str, bool]:
-    """A report, and whether all is well."""
+def diagnose() -> dict[str, Any]:
+    """What there is, by name; `problems` says what is wrong, a sentence each."""
     import pipeline.jit
     from tiler.host import available_threads
     from tiler.memory import available_bytes
     from tiler.scene import scene_names
 
-    lines = [f"python     {platform.python_version()} on {platform.machine()}, {available_threads()} threads"]
-    lines += [f"{name:<10} {_version(name)}" for name in (DISTRIBUTION, *SHOWN)]
-    kernels = sorted(pipeline.jit.cache_root().rglob("*.nbi"))
-    lines.append(f"kernels    {len(kernels)} cached in {pipeline.jit.cache_root()}")
-    lines.append(f"memory     {available_bytes() / 1e9:.1f} GB available")
-    names = scene_names()
-    lines.append(f"scenes     {', '.join(names) if names else 'none found'}")
+    names = list(scene_names())
     problems = [] if names else ["no built-in scenes: reinstall, or set TILER_SCENES to their folder"]
-    problems += _collisions()
-    lines += [f"problem: {problem}" for problem in problems] or ["all is well"]
-    return "\n".join(lines), not problems
+    return {
+        "python": platform.python_version(),
+        "processor": platform.machine(),
+        "threads": available_threads(),
+        "versions": {name: _version(name) for name in (DISTRIBUTION, *SHOWN)},
+        "kernels": len(sorted(pipeline.jit.cache_root().rglob("*.nbi"))),
+        "kernel_cache": str(pipeline.jit.cache_root()),
+        "memory_bytes": available_bytes(),
+        "scenes": names,
+        "problems": problems + _collisions(),
+    }
+
+
+def report_text(found: dict[str, Any]) -> str:
+    """The same for people."""
+    lines = [f"python     {found['python']} on {found['processor']}, {found['threads']} threads"]
+    lines += [f"{name:<10} {version}" for name, version in found["versions"].items()]
+    lines.append(f"kernels    {found['kernels']} cached in {found['kernel_cache']}")
+    lines.append(f"memory     {found['memory_bytes'] / 1e9:.1f} GB available")
+    lines.append(f"scenes     {', '.join(found['scenes']) or 'none found'}")
+    lines += [f"problem: {problem}" for problem in found["problems"]] or ["all is well"]
+    return "\n".join(lines)
 
 
 def _version(distribution: str) -> str:

@@ -1,6 +1,7 @@
 """Options that several commands share, and how their texts become values."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
@@ -38,8 +39,12 @@ class SceneOptions:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class MachineOptions:
-    """What of the default machine to change."""
+    """What of the default machine, or of another one, to change."""
 
+    machine_preset: Text = None
+    "Start from a machine that `tiler machines` lists, such as mali-like."
+    machine_file: Path | None = None
+    "Start from a machine in a .toml file (`tiler machines NAME --toml` writes one to begin with)."
     tile: int | None = None
     "Side of a tile in pixels, a power of two from 8 to 512."
     binning: Literal["triangle", "patch", "subpatch"] | None = None
@@ -101,27 +106,43 @@ def open_scene(source: str, options: SceneOptions) -> Scene:
 
 
 def make_machine(options: MachineOptions, **defaults: object) -> Machine:
-    """The machine of `defaults` with the options applied."""
+    """The machine of `--machine-preset` or `--machine-file` with `defaults`, and with the options applied."""
     given = {name: value for name, value in vars(options).items() if value is not None}
+    preset, file = given.pop("machine_preset", None), given.pop("machine_file", None)
     if "cull" in given:
         given["cull"] = parse_cull(given["cull"])
-    return Machine(**(defaults | given))
+    return Machine(**(_base_fields(preset, file) | defaults | given))
+
+
+def _base_fields(preset: str | None, file: Path | None) -> dict[str, object]:
+    """Fields of a preset or of a machine's file; none of neither."""
+    if preset is None and file is None:
+        return {}
+    from tiler.presets import load_machine_file, load_preset
+
+    if preset is not None and file is not None:
+        raise TilerError(f"machine-file: {file} stands beside preset {preset!r}; allowed: one of the two")
+    return dict(load_preset(preset).fields if preset is not None else load_machine_file(Path(str(file))).fields)
 
 
 def parse_machine(text: str, options: MachineOptions) -> Machine:
-    """A machine from text such as `binning=patch,tile=16,cull=frustum`; tests of cull are joined by +."""
+    """A machine from text such as `preset=mali-like,tile=16,cull=frustum`; tests of cull are joined by +."""
     fields: dict[str, object] = {}
+    base: dict[str, str] = {}
     for part in text.split(","):
         key, found, value = part.strip().partition("=")
         if not found or not key or not value:
             raise TilerError(
                 f"machine: {text!r} is not allowed; allowed: key=value pairs, such as binning=patch,tile=16"
             )
-        if key == "cull":
+        if key in ("preset", "file"):
+            base[key] = value
+        elif key == "cull":
             fields[key] = parse_cull(value.replace("+", ","))
         else:
             fields[key] = _parse_value(value)
-    return make_machine(options, **fields)
+    own = _base_fields(base.get("preset"), Path(base["file"]) if "file" in base else None)
+    return make_machine(replace(options, machine_preset=None, machine_file=None) if base else options, **(own | fields))
 
 
 def _parse_value(text: str) -> object:

@@ -1,6 +1,7 @@
 """`tiler compare` and `tiler cost`: machines side by side."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,7 +27,8 @@ def compare(
     """Put machines side by side on one frame, counters with their ratio to the first, which is the baseline.
 
     Examples: `tiler compare waves --size 1920x1080 --factor 16`;
-    `tiler compare teapot --machine binning=triangle --machine binning=patch,tile=16`.
+    `tiler compare teapot --machine binning=triangle --machine binning=patch,tile=16`;
+    `tiler compare teapot --machine preset=mali-like --machine preset=mali-like,binning=patch,bounds=tpatch`.
     The exit status is 1 if the machines draw different pictures, or if one verifies and finds a violation.
 
     Parameters
@@ -34,8 +36,10 @@ def compare(
     scene
         A name that `tiler scenes` lists, or the path of a scene file.
     machine
-        A machine as key=value pairs separated by commas; give it again for each. By default: triangle binning without
-        cull tests, patch binning, with a domain cache for the frame, and patch and subpatch binning with everything on.
+        A machine as key=value pairs separated by commas, among them preset=NAME or file=FILE.toml to start from; give it
+        again for each. By default: triangle binning without cull tests, patch binning, with a domain cache for the frame,
+        and patch and subpatch binning with everything on; with --machine-preset or --machine-file that machine beside the
+        first of these.
     cost
         Cost model by which to weigh the counters: munkberg2010, wide, or a .toml file.
     frame
@@ -169,9 +173,13 @@ def cost(
 
 
 def chosen_machines(texts: tuple[str, ...], options: MachineOptions) -> dict[str, Machine]:
-    """The machines of `--machine`, or those that are compared by default."""
+    """The machines of `--machine`, or the baseline and that of a preset or file, or those that are compared by default."""
     from tiler.comparison import MACHINES
 
     if texts:
         return {text: parse_machine(text, options) for text in texts}
+    named = options.machine_preset or options.machine_file
+    if named is not None:
+        plain = replace(options, machine_preset=None, machine_file=None)
+        return {"triangle": make_machine(plain, **MACHINES["triangle"]), str(named): make_machine(options)}
     return {name: make_machine(options, **fields) for name, fields in MACHINES.items()}

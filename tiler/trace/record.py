@@ -39,10 +39,10 @@ class Entries(NamedTuple):
 class Recording:
     """What a frame's timeline is made of.
 
-    visits : per pass, counters of each tile by column of `tile_columns`, int64[tiles, NUM_TILE_COUNTS]; those of the domain
-    shader and its cache are not in it. outcomes : int64[units, NUM_OUTCOMES], clipping and set-up of a unit wherever it
-    is worked on. points : int64[units], domain points of a unit. owner : int32[units], patch of a unit. pool : after each
-    batch (pass, bytes in use).
+    visits : keys pass * tiles + tile, and counters by column of `tile_columns`, int64[visits, NUM_TILE_COUNTS], one row for
+    each batch of the host in which the tile counted something; those of the domain shader and its cache are not in it.
+    outcomes : int64[units, NUM_OUTCOMES], clipping and set-up of a unit wherever it is worked on. points : int64[units],
+    domain points of a unit. owner : int32[units], patch of a unit. pool : after each batch (pass, bytes in use).
     """
 
     scene: str
@@ -52,7 +52,7 @@ class Recording:
     walk: I64
     counters: Counters
     entries: Entries
-    visits: dict[int, I64]
+    visits: tuple[I64, I64]
     outcomes: I64
     points: I64
     owner: I32
@@ -72,7 +72,7 @@ class NotingTally(Tally):
 
     def __init__(self, scene: Scene, machine: Machine, grid: Grid) -> None:
         super().__init__(scene, machine, grid)
-        self.visits: dict[int, I64] = {}
+        self.visits: list[tuple[I64, I64]] = []
         self.noted: list[Entries] = []
         self.outcomes_of: I64 = np.zeros((0, NUM_OUTCOMES), np.int64)
         self.units: Units | None = None
@@ -92,7 +92,8 @@ class NotingTally(Tally):
         super().count_entries(live, queues, outcome, number)
         added = self.tiles - self._before
         self._before = self.tiles.copy()
-        self.visits[number] = self.visits[number] + added if number in self.visits else added
+        tiles = np.flatnonzero(added.any(axis=1))
+        self.visits.append((number * self.grid.num_tiles + tiles, added[tiles]))
         n, by_unit = len(queues.item), self.machine.binning != "triangle"
         self.noted.append(
             Entries(
@@ -136,6 +137,7 @@ def record_frame(scene: Scene, machine: Machine, number: float, threads: int) ->
         history = last_frame(scene, machine, number, host) if machine.phased else None
         target = draw_frame(scene, machine, number, host, history, tally, memory, lambda part: None)
     units = tally.units
+    keys, rows = zip(*tally.visits, strict=True)  # there is a batch, of no patch if need be
     return Recording(
         scene=scene.name,
         machine=machine,
@@ -144,7 +146,7 @@ def record_frame(scene: Scene, machine: Machine, number: float, threads: int) ->
         walk=tally.walk,
         counters=tally.counters(target, memory.report().counters()),
         entries=tally.entries(),
-        visits=tally.visits,
+        visits=(np.concatenate(keys), np.concatenate(rows)),
         outcomes=tally.outcomes_of,
         points=np.zeros(0, np.int64)
         if units is None

@@ -64,7 +64,7 @@ def share_work(recording: Recording, model_name: str) -> Work:
     key = np.unique(entries.pass_number * tiles + entries.tile)
     n, v = len(entries.tile), len(key)
     once, visit, entry = np.zeros(len(parts)), np.zeros((v, len(parts))), np.zeros((n, len(parts)))
-    front = {number: np.zeros(len(parts)) for number in sorted(recording.visits)}
+    front = {number: np.zeros(len(parts)) for number in np.unique(entries.pass_number).tolist()}
     of_pass = {number: int(np.count_nonzero(entries.pass_number == number)) for number in front}
     for k, part in enumerate(parts):
         if part.name == "bounds" and not part.cycles:
@@ -107,7 +107,7 @@ def entry_events(recording: Recording, name: str) -> F64 | None:
 
 def visit_events(recording: Recording, name: str, key: I64) -> F64 | None:
     """Events of a counter for each visit of a tile, float64[visits]; None where tiles do not know it."""
-    number, tile = np.divmod(key, recording.grid.num_tiles)
+    tile = key % recording.grid.num_tiles
     if name == "om_spilled_bytes":  # what a tile writes back and reads again, at each visit but its first
         later = np.ones(len(key))
         later[np.unique(tile, return_index=True)[1]] = 0.0
@@ -120,9 +120,8 @@ def visit_events(recording: Recording, name: str, key: I64) -> F64 | None:
     if name not in columns:
         return None
     found = np.zeros(len(key))
-    for p, rows in recording.visits.items():
-        here = number == p
-        found[here] = rows[tile[here], columns[name]]
+    keys, rows = recording.visits
+    np.add.at(found, np.searchsorted(key, keys), rows[:, columns[name]])  # who counts something has an entry
     return found
 
 
