@@ -138,3 +138,12 @@ def test_completion_is_installed_in_the_users_own_folder(tmp_path):
     files = [file for file in Path(tmp_path).rglob("*") if file.is_file()]
     assert done.returncode == 0, done.stdout + done.stderr
     assert any("_tiler" in file.read_text() for file in files)
+
+
+def test_the_machine_on_the_page_is_one(tmp_path):
+    import tiler
+
+    (text,) = re.findall(r"```toml\n(.*?)```", PAGE, re.S)
+    (tmp_path / "mine.toml").write_text(text)
+    machine = tiler.load_machine(tmp_path / "mine.toml")
+    assert (machine.binning, machine.bounds, machine.queue_model) == ("patch", "tpatch", "hierarchy16")

@@ -151,7 +151,8 @@ def test_example_notebook_runs(file: Path, tmp_path: Path, monkeypatch: pytest.M
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")
     monkeypatch.setenv("PYTHONPATH", str(TESTS.parent))
-    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    for name in ("IPYTHONDIR", "JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR"):  # nothing at home
+        monkeypatch.setenv(name, str(tmp_path / name.lower()))
     book = nbformat.read(file, as_version=4)
     nbformat.validate(book)
     code = [cell for cell in book.cells if cell.cell_type == "code"]
