@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.types import F64, I64
-from tiler.cost_model import CostModel, bound_cost, load_cost_model, needed_bound
+from tiler.cost_model import BOUNDED, CostModel, bound_cost, load_cost_model, needed_bound
 from tiler.counters import DEFINITIONS
 from tiler.tally import OUTCOME_COUNTERS
 from tiler.trace.record import Recording, tile_columns
@@ -18,7 +18,7 @@ FRONT_END_LAST = ("queue_entries", "queue_bytes_written")  # with every pass aga
 
 
 class Part(NamedTuple):
-    """A part of a cost model's stage. cycles : of an event of each counter; empty for the bounds of patches."""
+    """A part of a cost model's stage. cycles : of an event of each counter; empty for bounds."""
 
     name: str
     stage: str
@@ -68,7 +68,7 @@ def share_work(recording: Recording, model_name: str) -> Work:
     of_pass = {number: int(np.count_nonzero(entries.pass_number == number)) for number in front}
     for k, part in enumerate(parts):
         if part.name == "bounds" and not part.cycles:
-            once[k] = counters["hs_invocations"] * bounding if needed_bound(machine) else 0.0
+            once[k] = counters[BOUNDED] * bounding if needed_bound(machine) else 0.0
         for name, cycles in part.cycles.items():
             by_entry, by_visit = entry_events(recording, name), visit_events(recording, name, key)
             if by_entry is not None:
