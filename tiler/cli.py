@@ -13,6 +13,7 @@ from cyclopts import App, CycloptsError
 from tiler import __version__
 from tiler.commands.bench import bench
 from tiler.commands.compare import compare, cost
+from tiler.commands.explore import explore
 from tiler.commands.listings import counters, info, scenes
 from tiler.commands.output import show_warning
 from tiler.commands.plugins import load_named_plugins
@@ -30,7 +31,7 @@ app = App(
     "With `--plugin FILE.py` (or a module's name) anywhere: bounds and cull tests of your own (docs/extending.md).",
 )
 for command in (
-    scenes, render, compare, cost, sweep, reproduce, validate, info, bench, counters, warmup, doctor,
+    scenes, render, explore, compare, cost, sweep, reproduce, validate, info, bench, counters, warmup, doctor,
 ):  # fmt: skip
     app.command(command)
 

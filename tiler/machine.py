@@ -21,6 +21,7 @@ from tiler.front_end import Geometry
 from tiler.grid import make_grid
 from tiler.history import History, no_history, seen_patches
 from tiler.host import Host
+from tiler.onlooker import Onlooker
 from tiler.order import number_triangles
 from tiler.phases import UnitTests, first_phase, second_phase
 from tiler.queue_memory import QueueMemory, describe_items, make_queue_memory
@@ -32,8 +33,15 @@ from tiler.tile import Target
 from tiler.units import Units, front_to_back, whole_patches
 
 
-def render_frame(scene: Scene, machine: Machine, number: float, host: Host, progress: Callable[[float], None]) -> Frame:
-    """One frame; arguments as in `tiler.simulate`, already checked."""
+def render_frame(
+    scene: Scene,
+    machine: Machine,
+    number: float,
+    host: Host,
+    progress: Callable[[float], None],
+    onlooker: Onlooker | None = None,
+) -> Frame:
+    """One frame; arguments as in `tiler.simulate`, already checked. onlooker : sees it being drawn."""
     start = time.perf_counter()
     history = last_frame(scene, machine, number, host) if machine.phased else None
     tally = Tally(scene, machine, make_grid(scene.picture.width, scene.picture.height, machine.tile))
@@ -45,8 +53,9 @@ def render_frame(scene: Scene, machine: Machine, number: float, host: Host, prog
         )
         witness = Witness(watch, machine.binning, tally.walk)
     target = draw_frame(
-        scene, machine, number, host, history, tally, memory, progress, keep_order=machine.blame, witness=witness
-    )
+        scene, machine, number, host, history, tally, memory, progress, machine.blame or onlooker is not None, witness,
+        onlooker,
+    )  # fmt: skip
     queues = memory.report()
     seconds = time.perf_counter() - start
     report = verify.Report((), ())
@@ -92,11 +101,12 @@ def draw_frame(
     progress: Callable[[float], None],
     keep_order: bool = False,
     witness: Witness | None = None,
+    onlooker: Onlooker | None = None,
 ) -> Target:
     """Draw a frame, stage by stage, and count in `tally` and `memory`.
 
     history : for a machine that draws in two phases. keep_order : keep the submit number of what each sample shows.
-    witness : notes what blame needs; then submit numbers must be kept.
+    witness : notes what blame needs, onlooker : sees the batches; for both submit numbers must be kept.
     """
     width, height = scene.picture.width, scene.picture.height
     camera = camera_at(scene.camera, number, width / height)
@@ -156,6 +166,8 @@ def draw_frame(
                 )  # fmt: skip
                 number_of_pass = memory.passes - (len(passes) - 1 - k)
                 tally.count_entries(batch, part.queue, outcome, number_of_pass)
+                if onlooker:
+                    onlooker.see(number_of_pass, phase, part, batch, units, geometry, order)
                 if witness:
                     tested = rules.pairs or _tests_first(machine)
                     witness.watch.draw(number_of_pass, part, batch, units, geometry, order, tested, host)
@@ -164,6 +176,8 @@ def draw_frame(
     if witness:
         misses = vertex_misses(units.patterns, machine.vertex_cache)
         witness.testify(units, patterns, tally.shaded, np.append(misses, 0)[units.patterns.of_patch])
+    if onlooker:
+        onlooker.end(units, tally.shaded, target)
     return target
 
 
