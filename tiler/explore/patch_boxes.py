@@ -37,10 +37,8 @@ def box_lines(corners: F64) -> F64:
     for a, b in EDGES:
         cut = _clip(corners[a], corners[b])
         if cut is not None:
-            (x0, y0), (x1, y1) = (0.5 * (1.0 + p[0] / p[3]) for p in cut), (0.5 * (1.0 - p[1] / p[3]) for p in cut)
-            lines.append((x0, x1, y0, y1))
-    made = np.array(lines, np.float64).reshape(-1, 4)
-    return made[:, [0, 2, 1, 3]]
+            lines.append([place for x, y, _, w in cut for place in (0.5 * (1.0 + x / w), 0.5 * (1.0 - y / w))])
+    return np.array(lines, np.float64).reshape(-1, 4)
 
 
 def _clip(a: F64, b: F64) -> tuple[F64, F64] | None:

@@ -193,8 +193,9 @@ function explorer() {
     h("div", { class: "forms" }, machine.element, scene.element),
     h("div", { class: "middle" },
       h("div", { class: "bar" }, field("Map", mapChoice), field("Opacity", opacity), h("span", { class: "ticks" }, log, grid), home, reset),
-      stage.element, alert, status, counters.figures, keys, counters.element),
-    h("div", { class: "beside-it" }, queue.element, patches.element));
+      stage.element, alert, status, counters.figures, keys),
+    h("div", { class: "beside-it" }, queue.element, patches.element),
+    counters.element);
   refresh();
   return { elements: [header, page], begin: () => changed() };
 }
