@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -200,11 +201,10 @@ def test_the_newest_request_of_a_page_wins(session, monkeypatch):
     assert begun.wait(PATIENCE)
     second, other = session.submit(Ask(page="a", frame=3)), session.submit(Ask(page="b", frame=4))
     third = session.submit(Ask(page="a", frame=5))
-    with pytest.raises(Superseded):
-        second.done.result(0.0)
+    for dropped in (first, second):
+        with pytest.raises(Superseded):
+            dropped.done.result(0.0)
     go_on.set()
-    with pytest.raises(Superseded):
-        first.done.result(PATIENCE)
     assert [other.done.result(PATIENCE).frame.number, third.done.result(PATIENCE).frame.number] == [4, 5]
     gone = session.submit(Ask(page="c", frame=6))
     session.cancel(gone)
@@ -416,6 +416,11 @@ def test_ctrl_c_ends_it_at_once(when):
     finally:
         process.kill()
     assert process.returncode == 0 and err.strip() == "ended" and "Traceback" not in out
-    assert took < (2.0 if when == "idle" else 4.0), "the first signal is enough"
+    assert took < 2.0, "the first signal is enough"
     with socket.socket() as again:
         assert again.connect_ex(("127.0.0.1", port)) != 0, "nobody listens any more"
+
+
+def test_the_page_of_the_docs_tells_every_fate():
+    text = (Path(__file__).resolve().parent.parent / "docs" / "explorer.md").read_text()
+    assert not [fate.title for name, fate in FATES.items() if name != "rest" and fate.title not in text]

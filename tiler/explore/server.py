@@ -101,7 +101,7 @@ def make_server(app: App, session: Session) -> "Server":
     return _Server(
         uvicorn.Config(
             app,
-            lifespan="off", ws="none", http="h11", loop="asyncio", log_level="error", access_log=False, server_header=False,
+            lifespan="off", ws="none", http="h11", loop="asyncio", log_level="critical", access_log=False, server_header=False,
             timeout_graceful_shutdown=1,
         )
     )  # fmt: skip
@@ -151,14 +151,13 @@ async def _drawn(job: Job, request: "Request") -> bool:
             pass
 
     done: asyncio.Future[Any] = asyncio.wrap_future(job.done)
+    done.add_done_callback(lambda made: made.cancelled() or made.exception())  # asked for, or asyncio complains of it
     left = asyncio.ensure_future(gone())
     try:
         await asyncio.wait({done, left}, return_when=asyncio.FIRST_COMPLETED)
         return done.done()
     finally:
         left.cancel()
-        if done.done() and not done.cancelled():
-            done.exception()  # it is taken from the job
 
 
 def open_browser(url: str) -> None:

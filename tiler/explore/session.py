@@ -4,10 +4,11 @@ A request that is replaced ends at once if it still waits, and else at the next 
 drew is kept, so that looking at another map or patch of the same frame draws nothing again.
 """
 
+import contextlib
 import sys
 import threading
 from collections import OrderedDict
-from concurrent.futures import Future
+from concurrent.futures import Future, InvalidStateError
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,6 +46,19 @@ class Job:
     plan: Plan
     done: "Future[View]" = field(default_factory=Future)
     stale: threading.Event = field(default_factory=threading.Event)
+
+    def settle(self, result: "View | Exception") -> None:
+        """Give the result, if it was not given before: one that nobody waits for comes too late."""
+        with contextlib.suppress(InvalidStateError):
+            if isinstance(result, Exception):
+                self.done.set_exception(result)
+            else:
+                self.done.set_result(result)
+
+    def drop(self) -> None:
+        """End it: who waits is told at once, and the thread that draws it at its next check."""
+        self.stale.set()
+        self.settle(Superseded())
 
     def check(self) -> None:
         """Raise Superseded if nobody waits for it any more."""
@@ -125,9 +139,9 @@ class Session:
                 raise TilerError("explorer: it is closed")
             before = self._waiting.pop(ask.page, None)
             if before is not None:
-                self._drop(before)
+                before.drop()
             if self._running is not None and self._running.plan.ask.page == ask.page:
-                self._running.stale.set()
+                self._running.drop()
             self._waiting[ask.page] = job
             self._change.notify()
         return job
@@ -135,29 +149,20 @@ class Session:
     def cancel(self, job: Job) -> None:
         """Nobody waits for it any more."""
         with self._change:
-            job.stale.set()
-            page = job.plan.ask.page
-            if self._waiting.get(page) is job:
-                del self._waiting[page]
-                self._drop(job)
+            job.drop()
+            if self._waiting.get(job.plan.ask.page) is job:
+                del self._waiting[job.plan.ask.page]
 
     def close(self, seconds: float = 0.0) -> bool:
         """Drop all requests, and wait so long for the thread to end; whether it did."""
         with self._change:
             self._closed = True
-            for job in self._waiting.values():
-                self._drop(job)
+            for job in (*self._waiting.values(), *([self._running] if self._running else [])):
+                job.drop()
             self._waiting.clear()
-            if self._running is not None:
-                self._running.stale.set()
             self._change.notify()
         self._thread.join(seconds)
         return not self._thread.is_alive()
-
-    def _drop(self, job: Job) -> None:
-        job.stale.set()
-        if job.done.set_running_or_notify_cancel():
-            job.done.set_exception(Superseded())
 
     def _work(self) -> None:
         while True:
@@ -167,18 +172,16 @@ class Session:
                 if self._closed:
                     return
                 _, job = self._waiting.popitem(last=False)
-                if not job.done.set_running_or_notify_cancel():
-                    continue
                 self._running = job
             try:
-                job.done.set_result(self._view(job))
+                job.settle(self._view(job))
             except (Superseded, TilerError) as error:
-                job.done.set_exception(error)
+                job.settle(error)
             except MemoryError:
-                job.done.set_exception(TilerError("memory: there is not enough of it for this picture and machine"))
+                job.settle(TilerError("memory: there is not enough of it for this picture and machine"))
             except Exception as error:  # a bug of ours: told in the page and here, and the session goes on
                 print(f"explorer: {type(error).__name__}: {error}", file=sys.stderr)
-                job.done.set_exception(RuntimeError(f"{type(error).__name__}: {error}"))
+                job.settle(RuntimeError(f"{type(error).__name__}: {error}"))
             finally:
                 self._running = None
 
