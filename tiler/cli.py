@@ -10,6 +10,7 @@ from cyclopts import App, CycloptsError
 from tiler import __version__
 from tiler.commands.bench import bench
 from tiler.commands.compare import compare, cost
+from tiler.commands.explore import explore
 from tiler.commands.export import export
 from tiler.commands.listings import counters, info, machines, scenes
 from tiler.commands.output import show_warning
@@ -30,8 +31,8 @@ app = App(
     "141 standard output was closed. Results go to standard output, or as JSON where --json says; talk goes to standard error.",
 )
 for command in (
-    scenes, render, compare, cost, sweep, reproduce, validate, export, info, bench, counters, machines, warmup, doctor,
-    completion,
+    scenes, render, explore, compare, cost, sweep, reproduce, validate, export, info, bench, counters, machines, warmup,
+    doctor, completion,
 ):  # fmt: skip
     app.command(command)
 app.register_install_completion_command(help="Make your shell complete commands and options (bash, zsh, fish).")

@@ -18,6 +18,7 @@ from tiler.frame import Frame
 from tiler.grid import make_grid
 from tiler.history import History, Reel, no_history, seen_patches
 from tiler.host import Host
+from tiler.onlooker import Onlooker
 from tiler.order import number_triangles
 from tiler.phases import UnitTests, first_phase, second_phase
 from tiler.queue_memory import QueueMemory, describe_items, make_queue_memory
@@ -39,10 +40,11 @@ def render_frame(
     progress: Callable[[float], None],
     reel: Reel | None = None,
     shared: Stages = ALONE,
+    onlooker: Onlooker | None = None,
 ) -> Frame:
-    """One frame; arguments as in `tiler.simulate`, already checked. reel : of the run that the frame belongs to.
+    """One frame; arguments as in `tiler.simulate`, already checked.
 
-    shared : how stages run.
+    reel : of the run that the frame belongs to. shared : how stages run. onlooker : sees it being drawn.
     """
     start = time.perf_counter()
     reel = reel or Reel()
@@ -60,7 +62,8 @@ def render_frame(
         )  # fmt: skip
         witness = Witness(watch, machine.binning, tally.walk)
     target = draw_frame(
-        scene, machine, number, host, history, tally, memory, progress, machine.blame, witness, shared
+        scene, machine, number, host, history, tally, memory, progress, machine.blame or onlooker is not None, witness,
+        shared, onlooker,
     )  # fmt: skip
     reel.keep(scene, machine, number, target)
     queues = memory.report()
@@ -111,12 +114,13 @@ def draw_frame(
     keep_order: bool = False,
     witness: Witness | None = None,
     shared: Stages = ALONE,
+    onlooker: Onlooker | None = None,
 ) -> Target:
     """Draw a frame, stage by stage, and count in `tally` and `memory`.
 
     history : for a machine that draws in two phases. keep_order : keep the submit number of what each sample shows.
-    witness : notes what blame needs; then submit numbers must be kept. shared : how stages run: `run(stage, ...)` is
-    stage(...), or the result that another machine's frame has left.
+    witness : notes what blame needs, onlooker : sees the batches; for both submit numbers must be kept. shared : how stages
+    run: `run(stage, ...)` is stage(...), or the result that another machine's frame has left.
     """
     run, picture = shared.run, scene.picture
     viewport = Viewport(0, 0, picture.width, picture.height, 0.0, 1.0)
@@ -192,6 +196,8 @@ def draw_frame(
                 outcome = easel.draw(part, batch, geometry, order, units.bounds, rules, tally.tiles, last, whole)
                 number_of_pass = memory.passes - (len(passes) - 1 - k)
                 tally.count_entries(batch, part.queue, outcome, number_of_pass)
+                if onlooker:
+                    onlooker.see(number_of_pass, phase, part, batch, units, geometry, order)
                 if witness:
                     tested = rules.pairs or _tests_first(machine)
                     witness.watch.draw(number_of_pass, part, batch, units, geometry, order, tested, host)
@@ -200,6 +206,8 @@ def draw_frame(
     if witness:
         misses = vertex_misses(units.patterns, machine.vertex_cache)
         witness.testify(units, patterns, tally.shaded, np.append(misses, 0)[units.patterns.of_patch])
+    if onlooker:
+        onlooker.end(units, tally.shaded, easel.canvas.target)
     return easel.canvas.target
 
 

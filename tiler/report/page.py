@@ -14,19 +14,23 @@ from typing import Any
 from tiler.report.colors import ramp_text
 
 STYLES = ("report.css",)
-SCRIPTS = ("base.js", "table.js", "viewer.js", "frames.js", "plot.js", "study.js", "start.js")
+SCRIPTS = ("base.js", "table.js", "paint.js", "viewer.js", "frames.js", "plot.js", "study.js", "start.js")
 
 
 def make_page(data: dict[str, Any]) -> str:
     """The page of collected data."""
-    style = "".join(_asset(name) for name in STYLES)
-    script = "".join(_asset(name) for name in SCRIPTS)
+    style = "".join(asset(name) for name in STYLES)
+    script = "".join(asset(name) for name in SCRIPTS)
+    return one_file(f"{data['title']} · tilesim report", data, style, script)[0]
+
+
+def one_file(title: str, data: dict[str, Any], style: str, script: str, more_policy: str = "") -> tuple[str, str]:
+    """A page of data, style and script, and its content security policy. more_policy : directives, each ended by `; `."""
     policy = (
         f"default-src 'none'; img-src data:; style-src '{_digest(style)}'; script-src '{_digest(script)}'; "
-        "base-uri 'none'; form-action 'none'"
+        f"{more_policy}base-uri 'none'; form-action 'none'"
     )
-    title = html.escape(f"{data['title']} · tilesim report")
-    return (
+    page = (
         "<!doctype html>\n"
         '<html lang="en">\n'
         "<head>\n"
@@ -34,19 +38,22 @@ def make_page(data: dict[str, Any]) -> str:
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         '<meta name="color-scheme" content="light dark">\n'
-        f"<title>{title}</title>\n"
+        '<link rel="icon" href="data:,">\n'
+        f"<title>{html.escape(title)}</title>\n"
         f"<style>{style}</style>\n"
         "</head>\n"
         "<body>\n"
-        "<noscript>This report draws its maps and tables with a script of its own; please allow it.</noscript>\n"
+        "<noscript>This page draws its maps and tables with a script of its own; please allow it.</noscript>\n"
         f'<script type="application/json" id="data">{_json(data | {"ramp": ramp_text()})}</script>\n'
         f"<script>{script}</script>\n"
         "</body>\n"
         "</html>\n"
     )
+    return page, policy
 
 
-def _asset(name: str) -> str:
+def asset(name: str) -> str:
+    """A part of reports: a style or a script."""
     return (files("tiler.report") / "assets" / name).read_text(encoding="utf-8")
 
 
