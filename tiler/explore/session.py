@@ -207,7 +207,9 @@ class Session:
             watch = None if tile is None else TileWatch(plan.scene, plan.machine, grid, tile, job.check)
             look = _Look(watch, job.stale)
             with Host(self.threads) as host:
-                frame = render_frame(plan.scene, plan.machine, plan.ask.frame, host, lambda part: job.check(), look)
+                frame = render_frame(
+                    plan.scene, plan.machine, plan.ask.frame, host, lambda part: job.check(), onlooker=look
+                )
             assert look.units is not None
             kept = Drawn(frame, look.under, look.units, {} if kept is None else kept.tiles)
             if watch is not None and watch.queue is not None and tile is not None:
