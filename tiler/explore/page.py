@@ -25,9 +25,10 @@ def make_explorer(scene: Scene, machine: Machine) -> tuple[str, str]:
     script = "".join(asset(name) for name in REPORT_SCRIPTS)
     script += "".join((own / name).read_text(encoding="utf-8") for name in SCRIPTS)
     style = asset("report.css") + (own / "explore.css").read_text(encoding="utf-8")
-    return one_file(
+    page, policy = one_file(
         f"{scene.name} · tilesim explorer", _data(scene, machine), style, script, "connect-src 'self'; "
     )  # fmt: skip
+    return page.replace("<title>", '<link rel="icon" href="data:,">\n<title>', 1), policy  # or browsers ask for one
 
 
 def _data(scene: Scene, machine: Machine) -> dict[str, Any]:

@@ -38,7 +38,6 @@ def one_file(title: str, data: dict[str, Any], style: str, script: str, more_pol
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         '<meta name="color-scheme" content="light dark">\n'
-        '<link rel="icon" href="data:,">\n'
         f"<title>{html.escape(title)}</title>\n"
         f"<style>{style}</style>\n"
         "</head>\n"
