@@ -40,10 +40,10 @@ from pipeline import bounds as bounds_module
 from pipeline import domain
 from pipeline.bounds import cbox, normals, oriented
 from pipeline.bounds.lookup import displacement_ranges
-from pipeline.bounds.project import project_boxes
+from pipeline.bounds.project import Boxes, project_boxes
 from pipeline.displacement import pack_maps
 from pipeline.hull import make_input
-from pipeline.types import F64, Address, DomainPoints, FaceCull, HullInput, PatchBounds, Patterns, Viewport
+from pipeline.types import F64, Address, DomainPoints, FaceCull, HullInput, Patterns, Viewport
 from pipeline.vertex import make_patches
 
 PAPER = {  # relative to one domain-shader invocation: instructions, Core i7
@@ -344,12 +344,13 @@ def _best_times(runs: Mapping[str, tuple[Callable[[], Any], int]], repeats: int)
     return best
 
 
-def _box(kind: int, stage: HullInput, ranges: F64) -> PatchBounds:
+def _box(kind: int, stage: HullInput, ranges: F64) -> Boxes:
     return oriented.box_patches(stage, kind, ranges)
 
 
-BOXES: dict[str, Callable[[HullInput, F64], PatchBounds]] = {
+BOXES: dict[str, Callable[[HullInput, F64], Boxes]] = {
     "cbox": lambda stage, ranges: cbox.box_patches(stage, np.ascontiguousarray(stage.pyramids.whole.T), True),
+    "max_displacement": lambda stage, ranges: cbox.box_patches(stage, ranges, False),
     "obbtex": partial(_box, oriented.NOTHING),
     "tpatch": partial(_box, normals.TPATCH),
     "tpatch_tight": partial(_box, normals.TPATCH_TIGHT),

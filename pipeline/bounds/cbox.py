@@ -18,7 +18,7 @@ import numpy as np
 
 from pipeline.bounds.gregory import most_inner_weight, reach_of_inner, widest_inner
 from pipeline.bounds.lanes import LANES, least4, most4
-from pipeline.bounds.project import allocate, project_boxes
+from pipeline.bounds.project import Boxes, allocate_boxes, project_boxes, unprojected
 from pipeline.bounds.restrict import project_net, restrict_patch
 from pipeline.bounds.transpose import load_block, prefer_wide, store_block
 from pipeline.jit import helper, inlined, kernel
@@ -132,16 +132,32 @@ CENTER, AXES, REACH, ROWS64 = 0, 3, 12, 13
 
 
 @inlined
-def find_plain(first, count, rational, tangent_id, gregory_id, domain, row, s):
-    """Row `row` of a block: 1 where a patch is polynomial, with no tangent patches or inner points, and whole."""
+def _all_plain(first, rational, tangent_id, gregory_id, ends):
+    """Whether all patches of a whole block are plain: numbers in a row, which vectorizes."""
     rational, tangent_id, gregory_id = rational[first:], tangent_id[first:], gregory_id[first:]
-    for lane in range(count):
-        plain = (rational[lane] == 0) & (tangent_id[lane] < 0) & (gregory_id[lane] < 0)
-        s[row * LANES + lane] = ONE if plain else ZERO
-    domain = domain[first:]
-    for lane in range(count):
-        away = abs(domain[lane, 0]) + abs(domain[lane, 1] - 1.0) + (abs(domain[lane, 2]) + abs(domain[lane, 3] - 1.0))
-        s[row * LANES + lane] = s[row * LANES + lane] if away == 0.0 else ZERO
+    some = False
+    for lane in range(LANES):
+        some |= (rational[lane] != 0) | (tangent_id[lane] >= 0) | (gregory_id[lane] >= 0)
+    ends = ends[4 * first :]
+    for i in range(4 * LANES):
+        some |= ends[i] != np.float64(i & 1)
+    return not some
+
+
+@inlined
+def find_plain(first, count, rational, tangent_id, gregory_id, ends, row, s):
+    """Row `row` of a block's first lanes: 1 where a patch is plain: polynomial, with no tangent patches or inner points, and
+    whole. ends : domains, float64[4 n]."""
+    for lane in range(LANES):
+        s[row * LANES + lane] = ONE
+    if count < LANES or not _all_plain(first, rational, tangent_id, gregory_id, ends):
+        for lane in range(count):
+            p = first + lane
+            plain = (rational[p] == 0) & (tangent_id[p] < 0) & (gregory_id[p] < 0)
+            whole = (
+                (ends[4 * p] == 0.0) & (ends[4 * p + 1] == 1.0) & (ends[4 * p + 2] == 0.0) & (ends[4 * p + 3] == 1.0)
+            )
+            s[row * LANES + lane] = ONE if plain & whole else ZERO
 
 
 @inlined
@@ -198,17 +214,16 @@ def _widen(s, d):
 
 @kernel
 def _fill_whole_boxes(
-    control_points, rational, gregory_id, map_id, domain, ranges, by_map, tail, s, d, center, axes, cone_cos, left
+    control_points, rational, gregory_id, map_id, ends, ranges, by_map, center, axes, cone_cos, left
 ):  # fmt: skip
     """Boxes of all patches; left: those for which they do not hold."""
     n, some_left = len(control_points), False
+    tail, s = np.empty((LANES, 64), np.float32), np.empty(ROWS * LANES, np.float32)
+    d = np.empty(ROWS64 * LANES)
     d[AXES * LANES : (AXES + 9) * LANES] = 0.0
     for first in range(0, n, LANES):
         count = min(LANES, n - first)
-        if count == LANES:
-            find_plain(first, LANES, rational, gregory_id, gregory_id, domain, PLAIN, s)
-        else:
-            find_plain(first, count, rational, gregory_id, gregory_id, domain, PLAIN, s)
+        find_plain(first, count, rational, gregory_id, gregory_id, ends, PLAIN, s)
         for lane in range(count):
             column = map_id[first + lane] if by_map else first + lane
             reach = max(abs(ranges[0, column]), abs(ranges[1, column])) if column >= 0 else 0.0
@@ -226,25 +241,24 @@ def _fill_whole_boxes(
     return some_left
 
 
-def box_patches(stage: HullInput, ranges: F64, by_map: bool) -> PatchBounds:
-    """Cartesian boxes of all patches over their domains; what follows from them on screen is not filled in.
+def box_patches(stage: HullInput, ranges: F64, by_map: bool) -> Boxes:
+    """Cartesian boxes of all patches over their domains.
 
     ranges : least and greatest displacement, world units, rows float64[2, maps] (by_map) or float64[2, at least P].
     """
     patches, n = stage.patches, len(stage.patches.control_points)
-    bounds, left = allocate(n), np.empty(n, np.bool_)
+    boxes, left = allocate_boxes(n), np.empty(n, np.bool_)
     if _fill_whole_boxes(
-        patches.control_points.reshape(n, 64), patches.rational, patches.gregory_id, patches.map_id, stage.domain, ranges,
-        by_map, np.empty((LANES, 64), np.float32), np.empty(ROWS * LANES, np.float32), np.empty(ROWS64 * LANES),
-        bounds.center, bounds.axes, bounds.cone_cos, left,
+        patches.control_points.reshape(n, 64), patches.rational, patches.gregory_id, patches.map_id,
+        stage.domain.reshape(-1), ranges, by_map, boxes.center, boxes.axes, boxes.cone_cos, left,
     ):  # fmt: skip
-        _fill_boxes(np.flatnonzero(left), patches, stage.domain, ranges, by_map, np.empty((4, 4, 4)), bounds)
-    return bounds
+        _fill_boxes(np.flatnonzero(left), patches, stage.domain, ranges, by_map, np.empty((4, 4, 4)), boxes)
+    return boxes
 
 
 def bound_cartesian(stage: HullInput, ranges: F64, by_map: bool) -> PatchBounds:
     """As `box_patches`, with all that follows. A weight <= 0 gives a NaN box, which culls nothing."""
-    bounds = box_patches(stage, ranges, by_map)
+    bounds = unprojected(box_patches(stage, ranges, by_map))
     project_boxes(stage.clip_from_world, stage.viewport, bounds)
     return bounds
 

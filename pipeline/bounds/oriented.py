@@ -20,9 +20,9 @@ from pipeline.bounds.fit import AXES, HI, KEPT, LO, SIZE, fit_boxes
 from pipeline.bounds.lanes import LANES, least4, load_rows, most4, padded, scratch
 from pipeline.bounds.lookup import displacement_ranges
 from pipeline.bounds.normals import bound_normals
-from pipeline.bounds.project import allocate, project_boxes
+from pipeline.bounds.project import Boxes, allocate_boxes, project_boxes, unprojected
 from pipeline.bounds.shared_normals import find_slacks, widen_column
-from pipeline.bounds.single import FINE, ZERO, fit_single
+from pipeline.bounds.single import FINE, FIRST, MIDDLE, REACH, UNIT, ZERO, fit_single
 from pipeline.bounds.single_normals import CONE, X_MOST, Y_MOST, Z_LEAST, bound_single
 from pipeline.bounds.transpose import load_block, prefer_wide, store_block
 from pipeline.bounds.vector import grow_by_vectors
@@ -41,38 +41,68 @@ PLAIN = single_normals.ROWS  # of float32
 
 
 @inlined
-def _grow_axis(s, r, most, d_lo, d_hi, lane):
-    """Middle and half of the extent along axis r with displacements d_lo .. d_hi along it, |t| <= most; NaN if they are."""
-    poison = (d_lo - d_lo) + (d_hi - d_hi)
-    size = s[SIZE * LANES + lane]
-    pad = 12.0 * U * most + (3.5 * U * size if most > 0.0 else 0.0) + poison
-    lo, hi = s[(LO + r) * LANES + lane] + d_lo, s[(HI + r) * LANES + lane] + d_hi
-    return 0.5 * (lo + hi), 0.5 * (hi - lo) + pad
+def _displace(s, lane):
+    """What the displacement adds to the extents along x, y and z: reach, reach, range; to each half what it rounds.
+
+    NaN if the displacement is.
+    """
+    t_lo, t_hi, size = s[T_LO * LANES + lane], s[T_HI * LANES + lane], s[SIZE * LANES + lane]
+    most = max(abs(t_lo), abs(t_hi)) + (t_lo - t_lo) + (t_hi - t_hi)
+    x, y, z = most * s[X_MOST * LANES + lane], most * s[Y_MOST * LANES + lane], s[Z_LEAST * LANES + lane]
+    z_lo, z_hi = least4(t_lo, t_hi, t_lo * z, t_hi * z), most4(t_lo, t_hi, t_lo * z, t_hi * z)
+    pad = 12.0 * U * most + (3.5 * U * size if most > 0.0 else 0.0)
+    return x, y, z_lo, z_hi, pad
+
+
+@inlined
+def _put_box(s, lane, x, y, z, middles, halves):
+    """Rows CENTER and HALF (3 r + c: component c of half-extent vector r): a box about (x, y, z) + axes times middles."""
+    i, j, k = AXES * LANES + lane, CENTER * LANES + lane, HALF * LANES + lane
+    (m0, m1, m2), (h0, h1, h2) = middles, halves
+    a, b, c = s[i], s[i + 3 * LANES], s[i + 6 * LANES]
+    s[j] = x + (m0 * a + m1 * b + m2 * c)
+    s[k], s[k + 3 * LANES], s[k + 6 * LANES] = h0 * a, h1 * b, h2 * c
+    a, b, c = s[i + LANES], s[i + 4 * LANES], s[i + 7 * LANES]
+    s[j + LANES] = y + (m0 * a + m1 * b + m2 * c)
+    s[k + LANES], s[k + 4 * LANES], s[k + 7 * LANES] = h0 * a, h1 * b, h2 * c
+    a, b, c = s[i + 2 * LANES], s[i + 5 * LANES], s[i + 8 * LANES]
+    s[j + 2 * LANES] = z + (m0 * a + m1 * b + m2 * c)
+    s[k + 2 * LANES], s[k + 5 * LANES], s[k + 8 * LANES] = h0 * a, h1 * b, h2 * c
 
 
 @helper
 def _grow_block(s):
-    """Rows CENTER and HALF (3 r + c: component c of half-extent vector r) of a block."""
+    """Rows CENTER and HALF from LO and HI."""
     prefer_wide()
     for lane in range(LANES):
-        t_lo, t_hi = s[T_LO * LANES + lane], s[T_HI * LANES + lane]
-        most = max(abs(t_lo), abs(t_hi)) + (t_lo - t_lo) + (t_hi - t_hi)
-        x, y, z = most * s[X_MOST * LANES + lane], most * s[Y_MOST * LANES + lane], s[Z_LEAST * LANES + lane]
-        z_lo, z_hi = least4(t_lo, t_hi, t_lo * z, t_hi * z), most4(t_lo, t_hi, t_lo * z, t_hi * z)
-        (m0, h0), (m1, h1) = _grow_axis(s, 0, most, -x, x, lane), _grow_axis(s, 1, most, -y, y, lane)
-        m2, h2 = _grow_axis(s, 2, most, z_lo, z_hi, lane)
-        for c in range(3):
-            a, b = s[(AXES + c) * LANES + lane], s[(AXES + 3 + c) * LANES + lane]
-            d = s[(AXES + 6 + c) * LANES + lane]
-            s[(CENTER + c) * LANES + lane] = m0 * a + m1 * b + m2 * d
-            s[(HALF + c) * LANES + lane], s[(HALF + 3 + c) * LANES + lane] = h0 * a, h1 * b
-            s[(HALF + 6 + c) * LANES + lane] = h2 * d
+        x, y, z_lo, z_hi, pad = _displace(s, lane)
+        i, j = LO * LANES + lane, HI * LANES + lane
+        x0, x1, y0, y1 = s[i] - x, s[j] + x, s[i + LANES] - y, s[j + LANES] + y
+        z0, z1 = s[i + 2 * LANES] + z_lo, s[j + 2 * LANES] + z_hi
+        middles = 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (z0 + z1)
+        halves = 0.5 * (x1 - x0) + pad, 0.5 * (y1 - y0) + pad, 0.5 * (z1 - z0) + pad
+        _put_box(s, lane, 0.0, 0.0, 0.0, middles, halves)
+
+
+@inlined
+def _grow_single(s, d):
+    """Rows CENTER and HALF of d from MIDDLE, REACH and FIRST of s. A sum here rounds by 2^-53 of it, within `single.AXIS`."""
+    prefer_wide()
+    for lane in range(LANES):
+        x, y, z_lo, z_hi, pad = _displace(d, lane)
+        unit, i, j, f = d[UNIT * LANES + lane], MIDDLE * LANES + lane, REACH * LANES + lane, FIRST * LANES + lane
+        m0, m1, m2 = np.float64(s[i]), np.float64(s[i + LANES]), np.float64(s[i + 2 * LANES])
+        h0, h1, h2 = np.float64(s[j]), np.float64(s[j + LANES]), np.float64(s[j + 2 * LANES])
+        middles = unit * m0, unit * m1, unit * m2 + 0.5 * (z_lo + z_hi)
+        halves = unit * h0 + (x + pad), unit * h1 + (y + pad), unit * h2 + (0.5 * (z_hi - z_lo) + pad)
+        _put_box(
+            d, lane, np.float64(s[f]), np.float64(s[f + LANES]), np.float64(s[f + 2 * LANES]), middles, halves
+        )  # fmt: skip
 
 
 @helper
-def _store(first, count, cones, s, bounds):
-    """Boxes of the first `count` lanes to bounds: its center, axes and cone_cos; cone_axis where there are cones."""
-    center, axes, cone_axis, cone_cos = bounds
+def _store(first, count, cones, s, center, axes, cone_axis, cone_cos):
+    """Boxes of the first `count` lanes; cone_axis where there are cones."""
     store_block(s, CENTER, first, center)
     store_block(s, HALF, first, axes)
     if cones:
@@ -98,19 +128,19 @@ def _know_nothing(s):
 
 @kernel
 def _bound_single(
-    control_points, rational, tangent_id, gregory_id, domain, map_id, planes, kind, slacks, ranges, tail, s, d, bounds, left
+    control_points, rational, tangent_id, gregory_id, ends, map_id, planes, kind, slacks, ranges, center, axes, cone_axis,
+    cone_cos, left,
 ):  # fmt: skip
     prefer_wide()
     n, some_left, vectors = len(control_points), False, False
+    s, d = np.empty((PLAIN + 1) * LANES, np.float32), np.empty(single.ROWS64 * LANES)
+    tail = np.empty((LANES, 64), np.float32)
     for m in range(len(planes)):
         vectors |= planes[m, 0] >= 0
     _know_nothing(d)
     for first in range(0, n, LANES):
         count = min(LANES, n - first)
-        if count == LANES:
-            find_plain(first, LANES, rational, tangent_id, gregory_id, domain, PLAIN, s)
-        else:
-            find_plain(first, count, rational, tangent_id, gregory_id, domain, PLAIN, s)
+        find_plain(first, count, rational, tangent_id, gregory_id, ends, PLAIN, s)
         load_block(control_points, first, tail, s)
         fit_single(s, d)
         if kind != NOTHING:
@@ -120,8 +150,8 @@ def _bound_single(
                 for lane in range(count):
                     widen_column(rows, lane, slacks[first + lane])
         load_rows(d, T_LO, 2, ranges, first)
-        _grow_block(d)
-        _store(first, count, kind != NOTHING, d, bounds)
+        _grow_single(s, d)
+        _store(first, count, kind != NOTHING, d, center, axes, cone_axis, cone_cos)
         for lane in range(count):
             is_left = s[FINE * LANES + lane] * s[PLAIN * LANES + lane] == ZERO
             left[first + lane] = is_left
@@ -136,8 +166,8 @@ def _bound_single(
 
 
 @kernel
-def _grow_boxes(boxes, ranges, normals, s, bounds):
-    n = len(bounds[0])
+def _grow_boxes(boxes, ranges, normals, s, center, axes, cone_axis, cone_cos):
+    n = len(center)
     for first in range(0, n, LANES):
         load_rows(s, 0, KEPT, boxes, first)
         load_rows(s, T_LO, 2, ranges, first)
@@ -146,54 +176,49 @@ def _grow_boxes(boxes, ranges, normals, s, bounds):
         else:
             _know_nothing(s)
         _grow_block(s)
-        _store(first, min(LANES, n - first), normals.shape[1] > 0, s, bounds)
+        count = min(LANES, n - first)
+        _store(first, count, normals.shape[1] > 0, s, center, axes, cone_axis, cone_cos)
 
 
-def _boxes_of(bounds: PatchBounds) -> tuple[F64, F64, F64, F64]:
-    """What is known before the projection; a plain tuple, as Numba takes 2 us to look at a named one."""
-    return bounds.center, bounds.axes, bounds.cone_axis, bounds.cone_cos
+def _box_any(stage: HullInput, kind: int, ranges: F64, boxes: Boxes) -> None:
+    fitted, normals = (fit_boxes(stage), np.empty((4, 0))) if kind == NOTHING else bound_normals(stage, kind)
+    _grow_boxes(fitted, ranges, normals, scratch(ROWS), *boxes)
+    grow_by_vectors(stage, fitted, boxes.center, boxes.axes)
 
 
-def _box_any(stage: HullInput, kind: int, ranges: F64, bounds: PatchBounds) -> None:
-    boxes, normals = (fit_boxes(stage), np.empty((4, 0))) if kind == NOTHING else bound_normals(stage, kind)
-    _grow_boxes(boxes, ranges, normals, scratch(ROWS), _boxes_of(bounds))
-    grow_by_vectors(stage, boxes, bounds)
-
-
-def _box_some(stage: HullInput, kind: int, numbers: I64, ranges: F64, bounds: PatchBounds) -> None:
+def _box_some(stage: HullInput, kind: int, numbers: I64, ranges: F64, boxes: Boxes) -> None:
     """Boxes of the patches of these numbers."""
     part = stage._replace(patches=stage.patches.take(numbers), domain=stage.domain[numbers])
-    boxes = allocate(len(numbers))
+    some = allocate_boxes(len(numbers))
     of_part = np.zeros((2, padded(len(numbers))))
     of_part[:, : len(numbers)] = ranges[:, numbers]
-    _box_any(part, kind, of_part, boxes)
-    for name in ("center", "axes", "cone_axis", "cone_cos"):
-        getattr(bounds, name)[numbers] = getattr(boxes, name)
+    _box_any(part, kind, of_part, some)
+    for target, source in zip(boxes, some, strict=True):
+        target[numbers] = source
 
 
-def box_patches(stage: HullInput, kind: int, ranges: F64) -> PatchBounds:
-    """Boxes and cones of all patches over their domains; what follows from them on screen is not filled in.
+def box_patches(stage: HullInput, kind: int, ranges: F64) -> Boxes:
+    """Boxes and cones of all patches over their domains.
 
     kind : NOTHING, nothing is known of the normals; or of `normals.bound_normals`. ranges : `lookup.displacement_ranges`.
     """
     patches, n = stage.patches, len(stage.patches.control_points)
-    bounds, left = allocate(n), np.empty(n, np.bool_)
+    boxes, left = allocate_boxes(n), np.empty(n, np.bool_)
     some_left = _bound_single(
-        patches.control_points.reshape(n, 64), patches.rational, patches.tangent_id, patches.gregory_id, stage.domain,
-        patches.map_id, stage.maps.planes, kind, find_slacks(stage), ranges, np.empty((LANES, 64), np.float32),
-        np.empty((PLAIN + 1) * LANES, np.float32), np.empty(single.ROWS64 * LANES), _boxes_of(bounds), left,
+        patches.control_points.reshape(n, 64), patches.rational, patches.tangent_id, patches.gregory_id,
+        stage.domain.reshape(-1), patches.map_id, stage.maps.planes, kind, find_slacks(stage), ranges, *boxes, left,
     )  # fmt: skip
     if some_left:
         numbers = np.flatnonzero(left)
         if 0 < len(numbers) < n:
-            _box_some(stage, kind, numbers, ranges, bounds)
+            _box_some(stage, kind, numbers, ranges, boxes)
         elif len(numbers):
-            _box_any(stage, kind, ranges, bounds)
-    return bounds
+            _box_any(stage, kind, ranges, boxes)
+    return boxes
 
 
 def bound_oriented(stage: HullInput, kind: int) -> PatchBounds:
     """Bound every patch over its domain. A weight <= 0 or a broken map gives a NaN box, which culls nothing."""
-    bounds = box_patches(stage, kind, displacement_ranges(stage))
+    bounds = unprojected(box_patches(stage, kind, displacement_ranges(stage)))
     project_boxes(stage.clip_from_world, stage.viewport, bounds)
     return bounds

@@ -15,30 +15,52 @@ lanes' results, the others the scalar `_project_one`; corners, slack and flags a
 rectangle and z_min too but for quotients taken as products with reciprocals: 2^-50 relative, of 2^-24 that is left.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pipeline.bounds.lanes import LANES, least4, most4, scratch
 from pipeline.jit import helper, inlined, kernel
-from pipeline.types import F32, PatchBounds, Viewport
+from pipeline.types import F32, F64, PatchBounds, Viewport
 
 U = 2.0**-24
 SLACK = 6.0 * U
 SNAP = 1.0 / 512.0
 
 
-def allocate(n: int) -> PatchBounds:
-    """Arrays for n patches, to be filled."""
+class Boxes(NamedTuple):
+    """The fields of `PatchBounds` that an algorithm makes itself."""
+
+    center: F64
+    axes: F64
+    cone_axis: F64
+    cone_cos: F64
+
+
+def allocate_boxes(n: int) -> Boxes:
+    """Arrays for n patches, to be filled; cone_axis is zero."""
+    return Boxes(np.empty((n, 3)), np.empty((n, 3, 3)), np.zeros((n, 3)), np.empty(n))
+
+
+def unprojected(boxes: Boxes) -> PatchBounds:
+    """Those boxes, with arrays that `project_boxes` fills in."""
+    n = len(boxes.center)
     return PatchBounds(
-        center=np.empty((n, 3)),
-        axes=np.empty((n, 3, 3)),
+        center=boxes.center,
+        axes=boxes.axes,
         corners=np.empty((n, 8, 4)),
         slack=np.empty((n, 4)),
         rect=np.empty((n, 4), np.int32),
         z_min=np.empty(n, np.float32),
         inside=np.empty(n, np.uint8),
-        cone_axis=np.zeros((n, 3)),
-        cone_cos=np.empty(n),
+        cone_axis=boxes.cone_axis,
+        cone_cos=boxes.cone_cos,
     )
+
+
+def allocate(n: int) -> PatchBounds:
+    """Arrays for n patches, to be filled."""
+    return unprojected(allocate_boxes(n))
 
 
 @helper
@@ -307,8 +329,12 @@ def _store(first, count, viewport, s, bounds):
 
 
 @kernel
-def _project_boxes(matrix, viewport, s, bounds):
-    n = len(bounds.center)
+def _project_boxes(
+    matrix, left, top, width, height, min_depth, max_depth, s, center, axes, corners, slack, rect, z_min, inside
+):  # fmt: skip
+    """Field by field: Numba takes microseconds to look at a named tuple."""
+    n, viewport = len(center), Viewport(left, top, width, height, min_depth, max_depth)
+    bounds = PatchBounds(center, axes, corners, slack, rect, z_min, inside, center, z_min)  # cones are not looked at
     for first in range(0, n, LANES):
         _load_boxes(first, n, bounds.center, bounds.axes, s)
         for lane in range(LANES):
@@ -326,7 +352,10 @@ def _project_boxes(matrix, viewport, s, bounds):
 
 def project_boxes(matrix: F32, viewport: Viewport, bounds: PatchBounds) -> None:
     """Fill corners, slack, rect, z_min and inside of all boxes from their centers and axes. matrix : float32[4, 4]."""
-    _project_boxes(matrix, viewport, scratch(ROWS), bounds)
+    b = bounds
+    _project_boxes(
+        matrix, *viewport, scratch(ROWS), b.center, b.axes, b.corners, b.slack, b.rect, b.z_min, b.inside
+    )  # fmt: skip
 
 
 @inlined

@@ -2,24 +2,30 @@
 
 The box that `fit` makes in float64, of the patches that most scenes are made of: polynomial, Bezier, all of their domain,
 neither tiny nor huge. Others are left to `fit`, one by one (`FINE` 0). What a block keeps in float32 are the control points
-relative to the first one, turned into the frame and scaled by 1 / |t|, t the frame's sum of legs along u (`obb_frame`).
+relative to the first one, turned into the frame and scaled by 1 / |t|, t the frame's sum of legs along u (`obb_frame`), and
+of these the middle and half of the extent along each axis. The box itself is made in float64 (`oriented`), about the first
+point plus axes times middles.
 
 Why that is conservative (u = 2^-24; D the largest magnitude of a turned and scaled coordinate):
 
 - the frame is made in float64 of float32's t and b: any orthonormal frame holds a valid box, and nothing else is asked of
-  it. Its axes have length 1 and are perpendicular to 2^-44, so that coordinates along them are those of a point to 2^-42 of
-  its largest: AXIS. They are rounded to float32 for turning only;
+  it. Its axes have length 1 and are perpendicular to 2^-44; a point is at most 2 sqrt(3) R from the box's middle, and that
+  at most sqrt(3) R from the first point, so what they have along one axis is off by 2^-40 of R: AXIS, of the largest
+  coordinate, which covers float64 too. The axes are rounded to float32 for turning only;
 - a relative point is rounded once (not at all where it is near the first), the axis once, the scale and its product once
-  each, products once, two sums: a turned coordinate is off by at most 7.1 u sum |axis| |point| <= 7.1 u |point|, and
-  |point| <= sqrt(3) D: 13 u D. Widening it rounds once more, by at most 2 u D: TURN;
-- what the shader's float32 may be off by is that of `fit`, from the exact largest magnitudes: maxima do not round. SHADER
-  has 2^-8 more for its own roundings and those of the turned axes.
+  each, products once, two sums: with R the largest magnitudes of relative coordinates, a turned coordinate is off by at
+  most 7.1 u sum |axis| R: TURN. (That is 7.1 u |point| <= 12.3 u D.) An extent holds zero, the first point, so its middle
+  is no larger than its half h: each rounds by u h, and widening h by as much again, with that itself 4.1 u h: HALVES;
+- what the shader's float32 may be off by is that of `fit`, from largest magnitudes, which are at most those of the first
+  point plus R. SHADER has 2^-8 more for its own roundings and those of the turned axes.
 
-Denormal numbers lose 2^-149 a time: next to nothing, as |t| > 2^-50 and so D |t| > 2^-53.
+Denormal numbers lose 2^-149 a time: next to nothing, as |t| > 2^-50 and so D |t| > 2^-53. A coordinate that is not finite
+makes each turned one so (a zero times infinity is NaN), hence the sum of those along one axis; coordinates of 2^60 or more
+are left, so with 1 / |t| < 2^50 nothing else overflows.
 
-The extents are the exact first point's coordinate plus turned ones, in float64; they are looser than those of `fit` at each
-end by at most 16 u D |t|, 2^-8 of the shader's error and 2^-42 of the largest coordinate, and no looser for being far from
-the origin.
+The extents are looser than those of `fit` at each end by at most 26 u of the size of the patch (13 as |first point| + R is
+at most that much above the largest magnitude, 8 of TURN, and 8 of half of it), 2^-8 of the shader's error and 2^-40 of the
+largest coordinate. A patch that is flat along an axis of space is not widened across it by how large it is.
 """
 
 import math
@@ -27,18 +33,18 @@ import math
 import numpy as np
 
 from pipeline.bounds.cbox import error_factor
-from pipeline.bounds.fit import AXES, HI, LO, SIZE
+from pipeline.bounds.fit import AXES, SIZE
 from pipeline.bounds.lanes import LANES, least4, most4
 from pipeline.bounds.transpose import prefer_wide
 from pipeline.jit import inlined
 
 U = 2.0**-24
-POLYNOMIAL = getattr(error_factor, "py_func", error_factor)(
-    False
-)  # as Python: to compile it takes every process a while
+# As Python: a helper that is compiled while a module is imported is compiled by every process.
+POLYNOMIAL = getattr(error_factor, "py_func", error_factor)(False)
 SHADER = np.float32(POLYNOMIAL * (1.0 + 2.0**-8))
-TURN = np.float32(16.0 * U)  # of D
-AXIS = np.float32(2.0**-42)  # of the largest coordinate
+TURN = np.float32(8.0 * U)  # of R
+HALVES = np.float32(8.0 * U)
+AXIS = np.float32(2.0**-40)  # of the largest coordinate
 HALF = np.float32(0.5)
 ONE = np.float32(1.0)
 ZERO = np.float32(0.0)
@@ -49,34 +55,21 @@ LEAST_SINE_SQUARE = np.float32(2.0**-20)  # of the angle between t and b
 
 # Rows of float32. Of the points 16 rows each for x, y, z.
 POINTS, TURNED = 0, 48
-TURN_AXES, TURN_COSINE, TURN_SINE = 96, 105, 106  # as AXES, COSINE, SINE of `fit`, axes over |t|
-LOW, HIGH, LARGEST, FINE = 107, 110, 113, 114  # LARGEST: D
-FIRST, MAGNITUDE, SCALE, SIZE32 = 115, 118, 121, 122  # the first point; largest magnitudes of x, y, z; 1 / |t|
-ROWS = 123
+TURN_AXES = 96  # as AXES of `fit`, over |t|
+MIDDLE, REACH, LARGEST, FINE = 105, 108, 111, 112  # middles and halves of the extents; D
+FIRST, WIDEST, SCALE, SIZE32 = 113, 116, 119, 120  # the first point; R; 1 / |t|; above the largest magnitude
+ROWS = 121
 
 UNIT = 39  # |t|, in float64, after the rows of `oriented`
 ROWS64 = 40
 
 
 @inlined
-def _most_of(s, i):
-    return most4(
-        most4(abs(s[i]), abs(s[i + LANES]), abs(s[i + 2 * LANES]), abs(s[i + 3 * LANES])),
-        most4(abs(s[i + 4 * LANES]), abs(s[i + 5 * LANES]), abs(s[i + 6 * LANES]), abs(s[i + 7 * LANES])),
-        most4(abs(s[i + 8 * LANES]), abs(s[i + 9 * LANES]), abs(s[i + 10 * LANES]), abs(s[i + 11 * LANES])),
-        most4(abs(s[i + 12 * LANES]), abs(s[i + 13 * LANES]), abs(s[i + 14 * LANES]), abs(s[i + 15 * LANES])),
-    )
-
-
-@inlined
-def _measure(s):
-    """Rows FIRST and MAGNITUDE."""
-    prefer_wide()
-    for c in range(3):
-        for lane in range(LANES):
-            i = (POINTS + 16 * c) * LANES + lane
-            s[(FIRST + c) * LANES + lane] = s[i]
-            s[(MAGNITUDE + c) * LANES + lane] = _most_of(s, i)
+def _note_first(s):
+    """Rows FIRST."""
+    for i in range(LANES):
+        s[FIRST * LANES + i], s[(FIRST + 1) * LANES + i] = s[POINTS * LANES + i], s[(POINTS + 16) * LANES + i]
+        s[(FIRST + 2) * LANES + i] = s[(POINTS + 32) * LANES + i]
 
 
 @inlined
@@ -126,102 +119,89 @@ def _frames(s, d):
         s[i + 3 * LANES], s[i + 4 * LANES] = np.float32(yx) * scale, np.float32(yy) * scale
         s[i + 5 * LANES], s[i + 6 * LANES] = np.float32(yz) * scale, np.float32(nx) * scale
         s[i + 7 * LANES], s[i + 8 * LANES] = np.float32(ny) * scale, np.float32(nz) * scale
-        ib = ONE / math.sqrt(bb32)
-        s[i + 9 * LANES] = np.float32(bx * tx + by * ty + bz * tz) * ib
-        s[i + 10 * LANES] = np.float32(nn * inverse) * ib
         s[SCALE * LANES + lane] = scale
         s[FINE * LANES + lane] = ONE if known else ZERO
 
 
 @inlined
+def _turn_point(s, k, lane):
+    """Row TURNED + k of a lane: the coordinates, and the magnitudes of those that were turned."""
+    i, j, f, g = (
+        (POINTS + k) * LANES + lane,
+        (TURNED + k) * LANES + lane,
+        TURN_AXES * LANES + lane,
+        POINTS * LANES + lane,
+    )
+    x, y, z = s[i] - s[g], s[i + 16 * LANES] - s[g + 16 * LANES], s[i + 32 * LANES] - s[g + 32 * LANES]
+    a = s[f] * x + s[f + LANES] * y + s[f + 2 * LANES] * z
+    b = s[f + 3 * LANES] * x + s[f + 4 * LANES] * y + s[f + 5 * LANES] * z
+    c = s[f + 6 * LANES] * x + s[f + 7 * LANES] * y + s[f + 8 * LANES] * z
+    s[j], s[j + 16 * LANES], s[j + 32 * LANES] = a, b, c
+    return a, b, c, abs(x), abs(y), abs(z)
+
+
+@inlined
+def _turn4(s, k, lane):
+    """Four points turned: least and greatest of each coordinate, the sum of the first, largest magnitudes before."""
+    a, b = _turn_point(s, k, lane), _turn_point(s, k + 1, lane)
+    c, d = _turn_point(s, k + 2, lane), _turn_point(s, k + 3, lane)
+    return (
+        (least4(a[0], b[0], c[0], d[0]), least4(a[1], b[1], c[1], d[1]), least4(a[2], b[2], c[2], d[2])),
+        (most4(a[0], b[0], c[0], d[0]), most4(a[1], b[1], c[1], d[1]), most4(a[2], b[2], c[2], d[2])),
+        (a[0] + b[0]) + (c[0] + d[0]),
+        (most4(a[3], b[3], c[3], d[3]), most4(a[4], b[4], c[4], d[4]), most4(a[5], b[5], c[5], d[5])),
+    )
+
+
+@inlined
 def _turn(s):
-    """Rows TURNED."""
+    """Rows TURNED, MIDDLE, REACH, WIDEST, LARGEST, SIZE32; FINE also says whether all is finite and of common size."""
     prefer_wide()
-    for k in range(16):
-        for lane in range(LANES):
-            i, j, f = (POINTS + k) * LANES + lane, (TURNED + k) * LANES + lane, TURN_AXES * LANES + lane
-            g = FIRST * LANES + lane
-            x, y, z = s[i] - s[g], s[i + 16 * LANES] - s[g + LANES], s[i + 32 * LANES] - s[g + 2 * LANES]
-            a = s[f] * x + s[f + LANES] * y + s[f + 2 * LANES] * z
-            b = s[f + 3 * LANES] * x + s[f + 4 * LANES] * y + s[f + 5 * LANES] * z
-            c = s[f + 6 * LANES] * x + s[f + 7 * LANES] * y + s[f + 8 * LANES] * z
-            s[j], s[j + 16 * LANES], s[j + 32 * LANES] = a, b, c
-
-
-@inlined
-def _range4(s, k, lane):
-    i = (TURNED + k) * LANES + lane
-    a, b, c, d = s[i], s[i + LANES], s[i + 2 * LANES], s[i + 3 * LANES]
-    return least4(a, b, c, d), most4(a, b, c, d)
-
-
-@inlined
-def _sum4(s, k, lane):
-    i = (TURNED + k) * LANES + lane
-    return (s[i] + s[i + LANES]) + (s[i + 2 * LANES] + s[i + 3 * LANES])
-
-
-@inlined
-def _extents(s):
-    """Rows LOW and HIGH; LARGEST; FINE also says whether all is finite and D of common size."""
-    prefer_wide()
-    for r in range(3):
-        for lane in range(LANES):
-            k = 16 * r
-            (a, b), (c, d) = _range4(s, k, lane), _range4(s, k + 4, lane)
-            (e, f), (g, h) = _range4(s, k + 8, lane), _range4(s, k + 12, lane)
-            s[(LOW + r) * LANES + lane], s[(HIGH + r) * LANES + lane] = least4(a, c, e, g), most4(b, d, f, h)
     for lane in range(LANES):
-        total = (_sum4(s, 0, lane) + _sum4(s, 4, lane)) + (_sum4(s, 8, lane) + _sum4(s, 12, lane))
-        i, j = LOW * LANES + lane, HIGH * LANES + lane
-        least = min(min(s[i], s[i + LANES]), s[i + 2 * LANES])
-        most = max(max(s[j], s[j + LANES]), s[j + 2 * LANES])
-        most = max(most, -least)
-        s[LARGEST * LANES + lane] = most
-        fine = (total - total == ZERO) & (most < MOST_RATIO)
+        (la, ha, ta, ra), (lb, hb, tb, rb) = _turn4(s, 0, lane), _turn4(s, 4, lane)
+        (lc, hc, tc, rc), (ld, hd, td, rd) = _turn4(s, 8, lane), _turn4(s, 12, lane)
+        x0, x1 = least4(la[0], lb[0], lc[0], ld[0]), most4(ha[0], hb[0], hc[0], hd[0])
+        y0, y1 = least4(la[1], lb[1], lc[1], ld[1]), most4(ha[1], hb[1], hc[1], hd[1])
+        z0, z1 = least4(la[2], lb[2], lc[2], ld[2]), most4(ha[2], hb[2], hc[2], hd[2])
+        rx, ry, rz = (
+            most4(ra[0], rb[0], rc[0], rd[0]),
+            most4(ra[1], rb[1], rc[1], rd[1]),
+            most4(ra[2], rb[2], rc[2], rd[2]),
+        )
+        i, j, k, f = MIDDLE * LANES + lane, REACH * LANES + lane, WIDEST * LANES + lane, POINTS * LANES + lane
+        s[i], s[i + LANES], s[i + 2 * LANES] = HALF * (x0 + x1), HALF * (y0 + y1), HALF * (z0 + z1)
+        s[j], s[j + LANES], s[j + 2 * LANES] = HALF * (x1 - x0), HALF * (y1 - y0), HALF * (z1 - z0)
+        most = max(max(max(x1, y1), z1), -min(min(x0, y0), z0))
+        size = max(max(abs(s[f]) + rx, abs(s[f + 16 * LANES]) + ry), abs(s[f + 32 * LANES]) + rz)
+        s[k], s[k + LANES], s[k + 2 * LANES] = rx, ry, rz
+        total = (ta + tb) + (tc + td)
+        s[LARGEST * LANES + lane], s[SIZE32 * LANES + lane] = most, size
+        fine = (total - total == ZERO) & (most < MOST_RATIO) & (size < MOST)
         s[FINE * LANES + lane] = s[FINE * LANES + lane] if fine else ZERO
 
 
 @inlined
-def _widen(s):
-    """Rows LOW and HIGH, widened; SIZE32: the largest coordinate."""
-    prefer_wide()
-    for lane in range(LANES):
-        i = MAGNITUDE * LANES + lane
-        s[SIZE32 * LANES + lane] = max(max(s[i], s[i + LANES]), s[i + 2 * LANES])
-    for r in range(3):
-        for lane in range(LANES):
-            j, f = MAGNITUDE * LANES + lane, (TURN_AXES + 3 * r) * LANES + lane
-            low, high = s[(LOW + r) * LANES + lane], s[(HIGH + r) * LANES + lane]
-            pad = SHADER * (
-                abs(s[f]) * s[j] + abs(s[f + LANES]) * s[j + LANES] + abs(s[f + 2 * LANES]) * s[j + 2 * LANES]
-            )
-            pad += AXIS * s[SCALE * LANES + lane] * s[SIZE32 * LANES + lane] + TURN * s[LARGEST * LANES + lane]
-            s[(LOW + r) * LANES + lane], s[(HIGH + r) * LANES + lane] = low - pad, high + pad
-
-
-@inlined
-def _place(s, d):
-    """Rows LO and HI: extents in world space; SIZE."""
+def _widen(s, d):
+    """Rows REACH, widened; SIZE. Of the rows WIDEST become what a coordinate may be off by."""
     prefer_wide()
     for lane in range(LANES):
         d[SIZE * LANES + lane] = np.float64(s[SIZE32 * LANES + lane])
+    for c in range(3):
+        for lane in range(LANES):
+            i = (WIDEST + c) * LANES + lane
+            s[i] = SHADER * abs(s[(FIRST + c) * LANES + lane]) + (SHADER + TURN) * s[i]
     for r in range(3):
         for lane in range(LANES):
-            i, j = (AXES + 3 * r) * LANES + lane, FIRST * LANES + lane
-            unit = d[UNIT * LANES + lane]
-            base = d[i] * np.float64(s[j]) + d[i + LANES] * np.float64(s[j + LANES])
-            base += d[i + 2 * LANES] * np.float64(s[j + 2 * LANES])
-            d[(LO + r) * LANES + lane] = base + unit * np.float64(s[(LOW + r) * LANES + lane])
-            d[(HI + r) * LANES + lane] = base + unit * np.float64(s[(HIGH + r) * LANES + lane])
+            i, j, f = WIDEST * LANES + lane, (REACH + r) * LANES + lane, (TURN_AXES + 3 * r) * LANES + lane
+            pad = AXIS * s[SCALE * LANES + lane] * s[SIZE32 * LANES + lane]
+            pad += abs(s[f]) * s[i] + abs(s[f + LANES]) * s[i + LANES] + abs(s[f + 2 * LANES]) * s[i + 2 * LANES]
+            s[j] = s[j] + (HALVES * s[j] + pad)
 
 
 @inlined
 def fit_single(s, d):
-    """Rows AXES .. SIZE of d, those of `fit.fit_boxes`, from rows POINTS of s; rows TURNED, LARGEST, FINE and so on of s."""
-    _measure(s)
+    """Rows AXES, SIZE and UNIT of d from rows POINTS of s; rows TURNED, MIDDLE, REACH, LARGEST, FINE and so on of s."""
+    _note_first(s)
     _frames(s, d)
     _turn(s)
-    _extents(s)
-    _widen(s)
-    _place(s, d)
+    _widen(s, d)

@@ -8,7 +8,8 @@ Why it is conservative (u = 2^-24; D the largest magnitude of a turned coordinat
 
 - a turned coordinate is off by 12.3 u D (`single`), so the difference of two, rounded, by 27 u D, and a vector by
   VECTOR_T = 47 u D. About b it is turned once more: 3 roundings a component of at most |v| <= 3.5 D, 15 u D: VECTOR_B =
-  62 u D. That direction's own length is off by 8 u, which scales dot and side alike, and z by as much the less;
+  62 u D. That direction is any one with a positive sine, as both cones are valid about their own axes; its length is off
+  by 5 u, which scales dot and side alike, and z by as much the less;
 - a tangent is a positive combination of control vectors with weights that add up to 1. So that of the shader is off from
   that of the computed vectors by T u S + VECTOR u D, and the latter is at least as long as the least dot of a vector with
   the cone's axis. The error of `cones.combine_tangent_cones` becomes
@@ -35,7 +36,7 @@ from pipeline.bounds.cones import ROUND as ROUND64
 from pipeline.bounds.fit import KEPT
 from pipeline.bounds.lanes import LANES
 from pipeline.bounds.normals import multiply_nets
-from pipeline.bounds.single import FINE, LARGEST, ONE, TURN_COSINE, TURN_SINE, TURNED, ZERO
+from pipeline.bounds.single import FINE, LARGEST, ONE, TURNED, ZERO
 from pipeline.bounds.transpose import prefer_wide
 from pipeline.jit import inlined
 
@@ -60,10 +61,10 @@ TINY = np.float32(U)
 ALONG_U, ALONG_V = single.ROWS, single.ROWS + 36
 NORMALS = single.ROWS + 72  # 36 each of x, y, z
 CONE_T, CONE_B, CONE_N = (single.ROWS + 180 + 5 * k for k in range(3))  # over, under, least dot, longest squared
-LEAST_Z, WIDEST, ERROR, ACROSS_X, ACROSS_Y = (
-    single.ROWS + 195 + k for k in range(5)
-)  # sines, of what `_combine` finds
-ROWS = single.ROWS + 200
+LEAST_Z = single.ROWS + 195
+WIDEST, ERROR, ACROSS_X, ACROSS_Y = (single.ROWS + 196 + k for k in range(4))  # sines, of what `_combine` finds
+TURN_COSINE, TURN_SINE = single.ROWS + 200, single.ROWS + 201  # of the axis of the cone along v, in the frame
+ROWS = single.ROWS + 202
 
 # Rows of float64: |n.x|, |n.y| <= the first two, n.z >= the third, cosine of the cone or -1.
 X_MOST, Y_MOST, Z_LEAST, CONE = (KEPT + 2 + k for k in range(4))
@@ -102,6 +103,18 @@ def _differences(s):
 
 
 # Cones of tangents
+
+
+@inlined
+def _find_angles(s):
+    """Rows TURN_COSINE and TURN_SINE: direction of b, the sum of legs along v, without what is left of it along z."""
+    prefer_wide()
+    for lane in range(LANES):
+        i = TURNED * LANES + lane
+        x = s[i + 3 * LANES] + (s[i + 15 * LANES] - s[i + 12 * LANES])  # the first point is zero
+        y = s[i + 19 * LANES] + (s[i + 31 * LANES] - s[i + 28 * LANES])
+        inverse = ONE / math.sqrt(x * x + y * y)
+        s[TURN_COSINE * LANES + lane], s[TURN_SINE * LANES + lane] = x * inverse, y * inverse
 
 
 @inlined
@@ -183,7 +196,7 @@ def _combine(s):
         sine = math.sqrt(st * st + TWO * st * sb * cos_beta + sb * sb) * inverse * (ONE + ROUND)
         spread = TANGENTS * (ct + cb) / (ct * cb) + size * (VECTOR_T * dot_b + VECTOR_B * dot_t) / (dot_t * dot_b)
         error = (spread + CROSS) * MORE / apart + TINY
-        known = (apart > LEAST_SINE) & (sine < ONE) & (error < LIMIT)
+        known = (apart > LEAST_SINE) & (sin_beta > ZERO) & (sine < ONE) & (error < LIMIT)
         s[WIDEST * LANES + lane], s[ERROR * LANES + lane] = (sine if known else ONE), (error if known else ONE)
         s[ACROSS_X * LANES + lane] = st + error
         s[ACROSS_Y * LANES + lane] = (sb + st * cos_beta) * inverse * (ONE + ROUND) + error
@@ -306,6 +319,7 @@ def _finish_npatch(s, d):
 @inlined
 def bound_single(kind, s, d):
     """Rows X_MOST .. CONE of d from rows TURNED of s."""
+    _find_angles(s)
     _differences(s)
     _cone_t(s)
     _cone_b(s)

@@ -344,7 +344,7 @@ def bound_and_validity(stage: HullInput, clamped: bool) -> tuple[PatchBounds, U8
     reach = displacement_ranges(stage)
     boxes, normals = bound_normals(stage, NPATCH)
     _bound_patches(stage.patches, stage.domain, boxes, reach, normals, clamped, allocate_work(), bounds, valid)
-    grow_by_vectors(stage, boxes, bounds)
+    grow_by_vectors(stage, boxes, bounds.center, bounds.axes)
     project_boxes(stage.clip_from_world, stage.viewport, bounds)
     return bounds, valid
 

@@ -19,7 +19,7 @@ from pipeline.bounds.fit import AXES, HI, LO, SIZE
 from pipeline.bounds.restrict import domain_displacement
 from pipeline.displacement import greatest_length, turned_sums
 from pipeline.jit import helper, kernel
-from pipeline.types import B1, F64, I64, DisplacementMaps, HullInput, PatchBounds, Patches
+from pipeline.types import B1, F64, I64, DisplacementMaps, HullInput, Patches
 
 U = 2.0**-24
 UNDERFLOW = 2.0**-140
@@ -106,7 +106,7 @@ def fill_special_ranges(stage: HullInput, exact: bool, ranges: F64) -> None:
 
 
 @kernel
-def _grow(numbers, boxes, patches, maps, pyramids, domains, bounds):
+def _grow(numbers, boxes, patches, maps, pyramids, domains, center, axes):
     for p in numbers:
         m = patches.map_id[p]
         turn = maps.turn[m]
@@ -114,7 +114,7 @@ def _grow(numbers, boxes, patches, maps, pyramids, domains, bounds):
         sums = turned_sums(turn, d)
         pad = 16.0 * U * sums + (3.5 * U * boxes[SIZE, p] if sums > 0.0 else 0.0) + UNDERFLOW * (1.0 + sums)
         for c in range(3):
-            bounds.center[p, c] = 0.0
+            center[p, c] = 0.0
         for r in range(3):
             lo, hi = boxes[LO + r, p], boxes[HI + r, p]
             for c in range(3):
@@ -125,12 +125,12 @@ def _grow(numbers, boxes, patches, maps, pyramids, domains, bounds):
                 lo, hi = lo + min(a, b), hi + max(a, b)
             for k in range(3):
                 axis = boxes[AXES + 3 * r + k, p]
-                bounds.center[p, k] += 0.5 * (lo + hi) * axis
-                bounds.axes[p, r, k] = (0.5 * (hi - lo) + pad) * axis
+                center[p, k] += 0.5 * (lo + hi) * axis
+                axes[p, r, k] = (0.5 * (hi - lo) + pad) * axis
 
 
-def grow_by_vectors(stage: HullInput, boxes: F64, bounds: PatchBounds) -> None:
-    """Boxes of the patches with maps of vectors, from those of `fit.fit_boxes`: center and axes in place, before projection."""
+def grow_by_vectors(stage: HullInput, boxes: F64, center: F64, axes: F64) -> None:
+    """Boxes of the patches with maps of vectors, from those of `fit.fit_boxes`: center and axes in place."""
     numbers: I64 = np.flatnonzero(moves_by_vectors(stage.patches, stage.maps))
     if len(numbers):
-        _grow(numbers, boxes, stage.patches, stage.maps, stage.pyramids, stage.domain, bounds)
+        _grow(numbers, boxes, stage.patches, stage.maps, stage.pyramids, stage.domain, center, axes)
