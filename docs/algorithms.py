@@ -1,6 +1,6 @@
 """The tables of docs/algorithms.md: what each entry of `BOUNDS` and `CULL_TESTS` promises, costs, and where that is checked.
 
-An entry without a line in `BOUND_FACTS` or `CULL_FACTS` is an error of the page's test: who adds an algorithm says what it is for.
+An entry without a line in `BOUND_FACTS` or `CULL_FACTS` fails the page's test: who adds an algorithm says what it is for.
 """
 
 import sys

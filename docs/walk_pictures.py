@@ -184,7 +184,7 @@ def tessellation_picture() -> Image.Image:
     pen = Pen(left, (-(2 * PANEL[0] - side) / 2 / side, -40 / side), side)
     _triangles(pen, uv, index, lambda a: (*WARM, 46))
     right = part_of(dimmed(large()[0], 0.28), NEAR)
-    _triangles(right, domain_points(), index, lambda area: (*WARM, 90) if area < 0 else (*COOL, 60), 4)
+    _triangles(right, domain_points(), index, lambda area: (*WARM, 90) if area > 0 else (*COOL, 60), 4)
     return side_by_side(pen.done(), right.done())
 
 
