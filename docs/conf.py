@@ -3,13 +3,11 @@
 Pages are plain Markdown that reads on a code host too. Nothing is fetched, neither when the site is made nor when it is read.
 """
 
-from pathlib import Path
+import re
 
 from sphinx.application import Sphinx
 
 import tiler
-
-HERE = Path(__file__).resolve().parent
 
 project = "tilesim"
 author = "the tilesim authors"
@@ -31,9 +29,12 @@ add_module_names = False
 
 
 def keep_plain(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
-    """Docstrings are plain text for people at a prompt: shown line by line as they stand, names in a fixed width."""
-    text = [line.replace("`", "``") if line else "" for line in lines]
-    lines[:] = [f"| {line}" if line.strip() else "" for line in text]
+    """Docstrings are plain text for people at a prompt: shown as they stand, a line for each argument."""
+    begins = True  # a paragraph, and there a line of its own
+    for k, line in enumerate(lines):
+        named = re.match(r"[\w, ]+ : ", line)
+        lines[k] = (("| " if begins or named else "  ") + line.strip().replace("`", "``")) if line.strip() else ""
+        begins = not line.strip()
 
 
 def setup(app: Sphinx) -> None:
