@@ -16,12 +16,13 @@ from PIL import Image
 from pydantic import BaseModel
 
 import tiler
+from docs import algorithms, walk_pictures, walkthrough
 from pipeline.bounds import BOUNDS
 from tiler.blame import BLAME, IDEAL, waterfall
 from tiler.comparison import EVERYTHING, MACHINES, compare
 from tiler.config import Machine
 from tiler.cost_model import break_even, break_even_text, cost_model_names, load_cost_model
-from tiler.costs import PAPER, count_operations
+from tiler.costs import PAPER
 from tiler.counters import DEFINITIONS
 from tiler.files import write_bytes, write_png
 from tiler.heatmaps import heatmap_picture
@@ -91,6 +92,7 @@ PICTURES: dict[str, Callable[[], Image.Image]] = {
     "shadings": shadings_picture,
     "queues": queues_picture,
     "heatmaps": heatmaps_picture,
+    **walk_pictures.PICTURES,
 }
 
 
@@ -327,7 +329,7 @@ def break_even_rows() -> str:
 
 def costs_rows() -> str:
     """docs/bounds.md: operations of the bounds in invocations of the domain shader."""
-    counts = count_operations(1)
+    counts = algorithms.operations()
     plain, mapped = counts["domain shader"], counts["domain shader, map"]
     lines = ["| bound | box | all | paper |", "| --- | ---: | ---: | ---: |"]
     for name in BOUNDS:
@@ -369,6 +371,9 @@ TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
     **{f"example: {part}": (ROOT / "docs" / "extending.md", partial(example_text, part)) for part in EXAMPLE_PARTS},
     "distance table": (ROOT / "docs" / "blame.md", distance_table),
     "definitions": (ROOT / "docs" / "counters.md", definitions_table),
+    **{name: (ROOT / "docs" / "how-it-works.md", text) for name, text in walkthrough.TEXTS.items()},
+    "bounds": (ROOT / "docs" / "algorithms.md", algorithms.bounds_table),
+    "cull tests": (ROOT / "docs" / "algorithms.md", algorithms.cull_tests_table),
 }
 
 

@@ -1,6 +1,8 @@
 """Fixtures that several files share, and the option that writes golden files anew."""
 
 import os
+import subprocess
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -48,3 +50,17 @@ def load() -> Callable[..., tiler.Scene]:
         return loaded[key]
 
     return load_once
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The documentation site, built with warnings as errors; its folder."""
+    for package in ("sphinx", "myst_parser", "furo"):
+        pytest.importorskip(package)
+    folder = tmp_path_factory.mktemp("site")
+    done = subprocess.run(
+        [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-d", folder / "kept", "docs", folder / "html"],
+        cwd=TESTS.parent, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return folder / "html"

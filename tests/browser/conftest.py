@@ -39,7 +39,9 @@ def open_report(browser: Any) -> Iterator[Callable[..., Any]]:
     """Opens a report in a page of its own. At the end: no error on the console, and nothing was asked of a network."""
     contexts, problems = [], []
 
-    def open_page(file: Path, width: int = 1280, height: int = 900, **settings: Any) -> Any:
+    def open_page(
+        file: Path, width: int = 1280, height: int = 900, ready: str = "[data-ready=true]", **settings: Any
+    ) -> Any:
         context = browser.new_context(viewport={"width": width, "height": height}, **settings)
         contexts.append(context)
         page = context.new_page()
@@ -50,7 +52,7 @@ def open_report(browser: Any) -> Iterator[Callable[..., Any]]:
             "request", lambda made: problems.append(made.url) if not made.url.startswith(("file:", "data:")) else None
         )
         page.goto(file.as_uri())
-        page.wait_for_selector("[data-ready=true]")
+        page.wait_for_selector(ready)
         return page
 
     yield open_page
