@@ -223,7 +223,7 @@ class Shaded(NamedTuple):
     """Every point of some patches as the production stages make it."""
 
     clip: DomainPoints
-    world: DomainPoints  # clip rows 0 .. 2 are world positions; `normal` is the base surface's
+    world: DomainPoints  # clip rows 0 .. 2 are world positions; `normal` is the base surface's, of its own tangents
     window: Window
 
 
@@ -236,12 +236,17 @@ def shade_all(
     viewport: Viewport,
     host: Host,
 ) -> Shaded:
-    """Shade the live patches in clip space and in world space, with base normals and snapped window positions."""
+    """Shade the live patches in clip space and in world space, with base normals and snapped window positions.
+
+    Base normals are those of the patch's own tangents, which is what a cone claims to hold. What undisplaced patches of a mesh
+    share on their edges in their place is for shading alone; what displaced ones share moves points, and these are checked.
+    """
     clip = front_end.shade_domain_points(live, patches, patterns, maps, camera, host)
     identity = camera._replace(clip_from_world=np.eye(4, dtype=np.float32))
     world = front_end.shade_domain_points(live, patches, patterns, maps, identity, host)
-    if (patches.map_id[live] >= 0).any():
-        base = patches._replace(map_id=np.full_like(patches.map_id, -1))
+    if ((patches.map_id[live] >= 0) | (patches.normal_id[live] >= 0)).any():
+        none = np.full_like(patches.map_id, -1)
+        base = patches._replace(map_id=none, normal_id=none)
         normal = front_end.shade_domain_points(live, base, patterns, maps, identity, host).normal
         world = world._replace(normal=normal)
     n = clip.clip.shape[1]
