@@ -99,7 +99,10 @@ def test_linear_fit_is_least_squares():
     assert fit.r2 == pytest.approx(np.corrcoef(x, y)[0, 1] ** 2)
 
 
-def test_scaling_walks_all_axes():
+def test_scaling_walks_all_axes(monkeypatch):
+    for name, value in (("FACTORS", (1, 2, 4, 8)), ("COUNTS", (100, 1000)), ("SIZES", ((64, 36), (128, 72)))):
+        monkeypatch.setattr(f"tiler.bench.scaling.{name}", value)
+    monkeypatch.setattr("tiler.bench.scaling.QUICK_LIMIT", 1e3)  # however busy this computer is
     points = scaling(SIZE, 2, quick=True, patches=100)
     by_axis = {axis: [p for p in points if p.axis == axis] for axis in ("factor", "patches", "pixels", "threads")}
     assert [p.threads for p in by_axis["threads"]] == [1, 2]

@@ -20,6 +20,7 @@ from tiler.simulation import simulate
 FACTORS = (1, 2, 4, 8, 16, 32, 64)
 COUNTS = (100, 1_000, 10_000, 100_000, 1_000_000)
 SIZES = ((480, 270), (960, 540), (1920, 1080), (3840, 2160))
+LIMIT, QUICK_LIMIT = 60.0, 2.0  # seconds of a frame
 MILLION = (1_000_000, 16, (3840, 2160))  # patches, factor, picture
 
 
@@ -75,7 +76,7 @@ def measure(axis: str, value: int, scene: Scene, threads: int, repeats: int) -> 
 
 def scaling(size: tuple[int, int], threads: int, quick: bool, patches: int = PATCHES) -> list[Point]:
     """The four tables, one after the other. An axis ends early where its next frame would take more than some seconds."""
-    limit = 2.0 if quick else 60.0
+    limit = QUICK_LIMIT if quick else LIMIT
     axes: list[Iterator[tuple[str, int, Callable[[], Scene], int]]] = [
         (("factor", f, lambda f=f: torus(patches, f, size), threads) for f in FACTORS),  # type: ignore[misc]
         (("patches", n, lambda n=n: torus(n, 16, size), threads) for n in COUNTS),  # type: ignore[misc]
