@@ -14,8 +14,9 @@ from enum import IntEnum
 
 import numpy as np
 
+from pipeline.inside import BACK_FACE, CULL_BACK, CULL_FRONT, UNKNOWN, set_up_inside
 from pipeline.jit import helper, inlined, kernel
-from pipeline.types import FaceCull, Viewport
+from pipeline.types import Viewport
 
 LEFT, RIGHT, BOTTOM, TOP, NEAR, FAR, GUARD, NONFINITE = (1 << k for k in range(8))  # bits of Window.code
 FRUSTUM = LEFT | RIGHT | BOTTOM | TOP | NEAR | FAR
@@ -23,10 +24,6 @@ NEEDS_CLIP = NEAR | FAR | GUARD
 
 WINDOW_MIN, WINDOW_MAX = -32768.0, 32767.0 + 255.0 / 256.0
 ZERO = np.float32(0.0)
-CULL_FRONT, CULL_BACK = int(FaceCull.FRONT), int(FaceCull.BACK)
-
-BACK_FACE = 8  # bit of Triangles.edges beside the three edge bits
-
 MAX_CORNERS = 9  # a triangle cut by six planes
 POLYGON = 8  # float64 entries of a corner: x y z w nx ny nz, and 1 where the edge to the next corner is an original one
 CLIP_SCRATCH = 2 * MAX_CORNERS * POLYGON
@@ -246,6 +243,7 @@ def _set_up(ids, edges, patch, t, window, bounds, margin, face_cull, triangles):
         return _OFFSCREEN
     triangles.vertex[t, 0], triangles.vertex[t, 1], triangles.vertex[t, 2] = a, b, c
     triangles.box[t, 0], triangles.box[t, 1], triangles.box[t, 2], triangles.box[t, 3] = x0, y0, x1, y1
+    triangles.cover[t] = UNKNOWN
     triangles.edges[t] = edges
     triangles.patch[t] = patch
     return _SETUP
@@ -314,64 +312,27 @@ def _box(xa, ya, xb, yb, xc, yc, margin):
     return x0, y0, x1, y1
 
 
-@helper
-def _assemble_inside(
-    k, patch, first, last, base, indices, xs, ys, bounds, margin, face_cull, vertex, box, edges, patches, source, t, outcomes
-):  # fmt: skip
-    """All triangles of a live patch that lies inside the frustum; the place after its last one.
-
-    What `_set_up` does, for most of all triangles: whether one goes on is known only after its box is, and chance decides,
-    so each is stored, and the place moves on if it does. There is room, as the place never passes the triangle's number.
-    """
-    left, top, right, bottom = bounds
-    zero_area, culled, no_sample, offscreen = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
-    for s in range(first, last):
-        a, b, c = np.int64(indices[3 * s]), np.int64(indices[3 * s + 1]), np.int64(indices[3 * s + 2])
-        a, b, c = a + base, b + base, c + base
-        xa, ya = np.int64(xs[a]), np.int64(ys[a])
-        xb, yb = np.int64(xs[b]), np.int64(ys[b])
-        xc, yc = np.int64(xs[c]), np.int64(ys[c])
-        area = (xb - xa) * (yc - ya) - (yb - ya) * (xc - xa)
-        if area == 0:
-            zero_area += 1
-            continue
-        back = area < 0
-        if face_cull == (CULL_BACK if back else CULL_FRONT):
-            culled += 1
-            continue
-        x0, y0, x1, y1 = _box(xa, ya, xb, yb, xc, yc, margin)
-        empty = (x0 > x1) | (y0 > y1)
-        x0, y0, x1, y1 = max(x0, left), max(y0, top), min(x1, right), min(y1, bottom)
-        out = (x0 > x1) | (y0 > y1)
-        vertex[t, 0], vertex[t, 1], vertex[t, 2] = a, c if back else b, b if back else c
-        box[t, 0], box[t, 1], box[t, 2], box[t, 3] = x0, y0, x1, y1
-        edges[t] = 7 | BACK_FACE if back else 7
-        patches[t] = patch
-        source[t] = s - first
-        no_sample += np.int64(empty)
-        offscreen += np.int64(out) & ~np.int64(empty)
-        t += 1 - (np.int64(empty) | np.int64(out))
-    outcomes[k, _C_IN] += last - first
-    outcomes[k, _C_OUT] += last - first
-    outcomes[k, _ZERO_AREA] += zero_area
-    outcomes[k, _FACE] += culled
-    outcomes[k, _NO_SAMPLE] += no_sample
-    outcomes[k, _OFFSCREEN] += offscreen
-    outcomes[k, _SETUP] += last - first - zero_area - culled - no_sample - offscreen
-    return t
+@inlined
+def _count_ones(flags):
+    total = 0
+    for i in range(len(flags)):
+        total += flags[i]
+    return total
 
 
 @kernel
 def assemble(
     begin, end, live, patterns, points, first_spare, viewport, guard, bounds, margin, face_cull, window, triangles,
-    outcomes, scratch,
+    outcomes, used, num_used, scratch, lanes,
 ):  # fmt: skip
     """Assemble, clip, cull and set up the triangles of live patches begin .. end-1.
 
     points : clip float32[4, N] and normal float32[3, V]; normals of new vertices are added. first_spare : int64[live],
     the first vertex number that each patch may add. bounds : first and last column and row of the viewport, inclusive
-    (x0, y0, x1, y1). margin : reach of the sample pattern from the pixel centre, 1/256 pixel. scratch : float64[2 *
-    MAX_CORNERS, POLYGON]. outcomes : int64[live, NUM_OUTCOMES]. `window`, `triangles`, `outcomes` are modified in place.
+    (x0, y0, x1, y1). margin : reach of the sample pattern from the pixel centre, 1/256 pixel. outcomes : int64[live,
+    NUM_OUTCOMES]. used : uint8[V], 0 at first, set to 1 for each vertex of a set-up triangle; num_used : int64[live], how many
+    each patch has. scratch : float64[2 * MAX_CORNERS, POLYGON]. lanes : `inside.Lanes`. `window`, `triangles`, `outcomes`,
+    `used`, `num_used` are modified in place.
     """
     indices, xs, ys = patterns.indices, window.x, window.y
     vertex, box, edges, patches, source = (
@@ -380,18 +341,29 @@ def assemble(
     for k in range(begin, end):
         patch = live[k]
         pattern = patterns.of_patch[patch]
+        base, count = points.first[k], points.first[k + 1] - points.first[k]
         any_code = np.uint8(0)
-        for i in range(points.first[k], points.first[k + 1]):
+        for i in range(base, base + count):
             any_code |= window.code[i]
         if any_code == 0:
             first, last = patterns.first_triangle[pattern], patterns.first_triangle[pattern + 1]
-            t = _assemble_inside(
-                k, patch, first, last, points.first[k], indices, xs, ys, bounds, margin, face_cull, vertex, box, edges,
-                patches, source, triangles.first[k], outcomes,
+            t, zero_area, culled, no_sample, offscreen = set_up_inside(
+                patch, first, last, base, count, indices, xs, ys, bounds, margin, face_cull, vertex, box, triangles.cover,
+                edges, patches, source, triangles.first[k], used, lanes,
             )  # fmt: skip
             triangles.used[k] = t - triangles.first[k]
-            continue
-        _assemble_patch(
-            k, patch, pattern, points.first[k], patterns, points, viewport, guard, bounds, margin,
-            face_cull, window, first_spare[k], triangles, outcomes, scratch,
-        )  # fmt: skip
+            outcomes[k, _C_IN] += last - first
+            outcomes[k, _C_OUT] += last - first
+            outcomes[k, _ZERO_AREA] += zero_area
+            outcomes[k, _FACE] += culled
+            outcomes[k, _NO_SAMPLE] += no_sample
+            outcomes[k, _OFFSCREEN] += offscreen
+            outcomes[k, _SETUP] += t - triangles.first[k]
+        else:
+            _assemble_patch(
+                k, patch, pattern, base, patterns, points, viewport, guard, bounds, margin,
+                face_cull, window, first_spare[k], triangles, outcomes, scratch,
+            )  # fmt: skip
+            for t in range(triangles.first[k], triangles.first[k] + triangles.used[k]):
+                used[vertex[t, 0]], used[vertex[t, 1]], used[vertex[t, 2]] = 1, 1, 1
+        num_used[k] = _count_ones(used[base : base + count]) + _count_ones(used[first_spare[k] : first_spare[k + 1]])

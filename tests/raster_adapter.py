@@ -3,6 +3,7 @@
 import numpy as np
 
 from pipeline import pixel, primitives
+from pipeline.inside import make_lanes
 from pipeline.types import DomainPoints, FaceCull, Patterns, Triangles, Viewport, Window
 from tiler.back_end import NO_ORDER, make_coarse_z, make_rules, touched_blocks
 from tiler.binning import bin_boxes
@@ -46,13 +47,13 @@ def draw(positions: np.ndarray, width: int, height: int, samples: int) -> np.nda
     assert not (window.code & primitives.NEEDS_CLIP).any(), "the families stay inside the guard band"
     triangles = Triangles(
         np.arange(n + 1, dtype=np.int64), np.zeros(n, np.int32), np.zeros((n, 3), np.int32), np.zeros((n, 4), np.int16),
-        np.zeros(n, np.uint8), np.zeros(n, np.int32), np.zeros(n, np.int32),
+        np.zeros(n, np.uint8), np.zeros(n, np.uint8), np.zeros(n, np.int32), np.zeros(n, np.int32),
     )  # fmt: skip
     outcomes = np.zeros((n, primitives.NUM_OUTCOMES), np.int64)
     primitives.assemble(
         0, n, live, patterns, points, np.full(n + 1, 3 * n, np.int64), viewport, guard, (0, 0, width - 1, height - 1),
-        MARGIN[samples], int(FaceCull.NONE), window, triangles, outcomes,
-        np.empty((2 * primitives.MAX_CORNERS, primitives.POLYGON)),
+        MARGIN[samples], int(FaceCull.NONE), window, triangles, outcomes, np.zeros(3 * n, np.uint8), np.empty(n, np.int64),
+        np.empty((2 * primitives.MAX_CORNERS, primitives.POLYGON)), make_lanes(3),
     )  # fmt: skip
     grid = make_grid(width, height, TILE)
     shape = (height, width, samples)

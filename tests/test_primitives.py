@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline import pixel, primitives
+from pipeline.inside import make_lanes
 from pipeline.pixel import Shade
 from pipeline.primitives import BACK_FACE, Outcome
 from pipeline.types import DomainPoints, FaceCull, Patterns, Triangles, Viewport, Window
@@ -87,18 +88,24 @@ def assemble(clip, normal, viewport, samples=1, cull="NONE", per_patch=1):
     room = np.arange(patches + 1) * per_patch * (primitives.MAX_CORNERS - 2)
     triangles = Triangles(
         room, np.zeros(patches, np.int32), np.zeros((room[-1], 3), np.int32), np.zeros((room[-1], 4), np.int16),
-        np.zeros(room[-1], np.uint8), np.zeros(room[-1], np.int32), np.zeros(room[-1], np.int32),
+        np.zeros(room[-1], np.uint8), np.zeros(room[-1], np.uint8), np.zeros(room[-1], np.int32), np.zeros(room[-1], np.int32),
     )  # fmt: skip
     outcomes = np.zeros((patches, primitives.NUM_OUTCOMES), np.int64)
+    used, num_used = np.zeros(len(window.x), np.uint8), np.empty(patches, np.int64)
     bounds = (viewport.left, viewport.top, viewport.left + viewport.width - 1, viewport.top + viewport.height - 1)
     primitives.assemble(
         0, patches, live, patterns, points, first_spare, viewport, guard, bounds, MARGIN[samples], int(FaceCull[cull]),
-        window, triangles, outcomes, np.empty((2 * primitives.MAX_CORNERS, primitives.POLYGON)),
+        window, triangles, outcomes, used, num_used, np.empty((2 * primitives.MAX_CORNERS, primitives.POLYGON)),
+        make_lanes(corners),
     )  # fmt: skip
     # The front end leaves no more room than this.
     assert (triangles.used <= per_patch + cuts * (primitives.MAX_CORNERS - 3)).all()
     written = ~np.isnan(window.z[n:].reshape(patches, -1))
     assert not written[np.arange(written.shape[1]) >= (cuts * primitives.MAX_CORNERS)[:, None]].any()
+    for k in range(patches):
+        vertices = triangles.vertex[triangles.first[k] : triangles.first[k] + triangles.used[k]]
+        assert num_used[k] == len(np.unique(vertices)) and used[vertices].all()
+    assert used.sum() == num_used.sum()
     return Assembled(points, window, triangles, outcomes, cuts)
 
 

@@ -10,7 +10,7 @@ import pytest
 import tiler
 from pipeline.bounds import BOUNDS
 from tests.scenes import sliced
-from tiler import back_end, front_end
+from tiler import back_end, front_end, regions
 from tiler.config import Machine
 from tiler.frame import Frame
 from tiler.scene.model import Scene
@@ -219,7 +219,8 @@ def test_batches_change_nothing(view, binning, cache, monkeypatch):
     whole, parts = [], []
     reference = tiler.simulate(view, machine, threads=2, progress=whole.append)
     points = reference.counters["ts_domain_points"]
-    monkeypatch.setattr(front_end, "BATCH_POINTS", max(1, points // 7))
+    for module in (front_end, regions):
+        monkeypatch.setattr(module, "BATCH_POINTS", max(1, points // 7))
     frame = tiler.simulate(view, machine, threads=2, progress=parts.append)
     assert len(whole) == 1 and 6 <= len(parts) <= 8 and parts[-1] == 1.0
     assert_same_picture(frame, reference, "batches")

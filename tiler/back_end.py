@@ -141,7 +141,8 @@ def cut_bins(bins: Bins, parts: list[TileQueues]) -> list[Bins]:
     return [Bins(part, part if by_triangle else bins.triangles) for part in parts]
 
 
-def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+def unit_vector(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    """`vector`, made unit."""
     length = math.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
     return (vector[0] / length, vector[1] / length, vector[2] / length)
 
@@ -183,7 +184,7 @@ def run_tiles(
     pattern = (SAMPLE_X[picture.samples], SAMPLE_Y[picture.samples], MARGIN[picture.samples])
     depth_range = (np.float32(0.0), np.float32(1.0))
     background = np.array([*picture.background, 255], np.uint8)
-    shading, light = int(pixel.Shade[picture.shading.upper()]), _unit(scene.light)
+    shading, light = int(pixel.Shade[picture.shading.upper()]), unit_vector(scene.light)
     outcome = np.zeros(len(bins.queue.item), np.uint8)
     rows = depth_rows(target.depth)
     chunks = host.chunks(grid.num_tiles)

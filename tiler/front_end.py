@@ -8,6 +8,7 @@ from pipeline import animate, domain, hull, primitives, vertex
 from pipeline.culling import tangent_plane
 from pipeline.culling.backface import Facing
 from pipeline.displacement import pack_maps, vector_lengths
+from pipeline.inside import make_lanes
 from pipeline.jit import kernel
 from pipeline.minmax import build_pyramids
 from pipeline.primitives import NUM_OUTCOMES
@@ -52,6 +53,7 @@ class Geometry(NamedTuple):
     window: Window
     triangles: Triangles
     outcomes: I64  # (live, NUM_OUTCOMES)
+    num_used: I64  # (live,) vertices of a unit that its set-up triangles use
     drawn: Triangles  # `triangles`, perhaps without the rows of units that have none
 
 
@@ -240,7 +242,9 @@ def set_up_triangles(
         window = Window(*(np.concatenate([a, np.zeros(spare, a.dtype)]) for a in window))
     room = np.diff(patterns.first_triangle)[patterns.of_patch[live]] + cuts * (FAN_TRIANGLES - 1)
     triangles = _allocate_triangles(room)
-    outcomes = np.zeros((len(live), NUM_OUTCOMES), np.int64)
+    outcomes, num_used = np.zeros((len(live), NUM_OUTCOMES), np.int64), np.empty(len(live), np.int64)
+    used = np.zeros(len(window.x), np.uint8)
+    most_points = int(np.diff(patterns.first_point).max(initial=0))
 
     bounds = (
         viewport.left,
@@ -254,11 +258,11 @@ def set_up_triangles(
         scratch = np.empty((2 * primitives.MAX_CORNERS, primitives.POLYGON))
         primitives.assemble(
             *chunks[c], live, patterns, points, first_spare, viewport, guard, bounds, margin, face_cull, window, triangles,
-            outcomes, scratch,
+            outcomes, used, num_used, scratch, make_lanes(most_points),
         )  # fmt: skip
 
     host.run(work, len(chunks))
-    return Geometry(points, window, triangles, outcomes, triangles)
+    return Geometry(points, window, triangles, outcomes, num_used, triangles)
 
 
 @kernel
@@ -270,7 +274,8 @@ def _pick(rows, source, first, target):
                 target.vertex[t, c] = source.vertex[s, c]
             for c in range(4):
                 target.box[t, c] = source.box[s, c]
-            target.edges[t], target.patch[t], target.source[t] = source.edges[s], source.patch[s], source.source[s]
+            target.cover[t], target.edges[t] = source.cover[s], source.edges[s]
+            target.patch[t], target.source[t] = source.patch[s], source.source[s]
 
 
 def pick_triangles(triangles: Triangles, rows: I64) -> Triangles:
@@ -292,8 +297,9 @@ def pick_units(geometry: Geometry, live: I32, wanted: I32, shared: Stages) -> Ge
     first = np.zeros(len(rows) + 1, np.int64)
     np.cumsum(used, out=first[1:])
     return Geometry(
-        geometry.points, geometry.window, drawn._replace(first=first, used=used), geometry.outcomes[rows], drawn
-    )
+        geometry.points, geometry.window, drawn._replace(first=first, used=used), geometry.outcomes[rows],
+        geometry.num_used[rows], drawn,
+    )  # fmt: skip
 
 
 def allocate_window(n: int) -> Window:
@@ -316,6 +322,7 @@ def _allocate_triangles(room: I64) -> Triangles:
         used=np.zeros(len(room), np.int32),
         vertex=np.empty((n, 3), np.int32),
         box=np.empty((n, 4), np.int16),
+        cover=np.empty(n, np.uint8),
         edges=np.empty(n, np.uint8),
         patch=np.empty(n, np.int32),
         source=np.empty(n, np.int32),

@@ -22,6 +22,7 @@ from tiler.onlooker import Onlooker
 from tiler.order import number_triangles
 from tiler.phases import UnitTests, first_phase, second_phase
 from tiler.queue_memory import QueueMemory, describe_items, make_queue_memory
+from tiler.regions import draw_frame_in_regions, draws_in_regions
 from tiler.scene.camera import camera_at
 from tiler.scene.model import Scene
 from tiler.shared import ALONE, Stages
@@ -154,6 +155,18 @@ def draw_frame(
     if machine.queue_order == "front_to_back":
         live = shared.same(front_to_back(live, units.bounds))
 
+    # Where nothing waits in a queue for what another tile does: patch by patch, all that follows at once.
+    alone = shared.most_points == 0 and not keep_order and onlooker is None
+    if alone and draws_in_regions(machine) and memory.order_decides_nothing:
+        drawn = draw_frame_in_regions(
+            scene, live, bounds.rect, patches, patterns, packed.maps, camera, viewport, grid, easel.canvas.target, host,
+            progress,
+        )  # fmt: skip
+        if drawn is not None:
+            tally.count_drawn(units, live, drawn)
+            memory.append_drawn(drawn)
+            return easel.canvas.target
+
     # Per triangle and per tile: domain shader, primitives, binning, tile loop; a batch of units after the other.
     tests = UnitTests(viewport, machine.occlusion_area == "hull")
     now, waiting = first_phase(machine, units, live, grid, history, tests)
@@ -188,7 +201,7 @@ def draw_frame(
             tally.count_batch(units, batch, geometry, queue)
             if witness:
                 witness.note_front_end(batch, geometry)
-            items = describe_items(machine.binning, units.owner[batch], geometry.triangles, len(geometry.window.x))
+            items = describe_items(machine.binning, machine.overlap, units.owner[batch], geometry)
             passes = back_end.cut_bins(bins, memory.append(queue, items))
             for k, part in enumerate(passes):
                 last = last_phase and b == len(batches) - 1 and k == len(passes) - 1

@@ -314,16 +314,36 @@ def append_items(first, tile_of, shared, shared_pass, sums, layout, levels, list
 
 
 @kernel
+def count_stored(queue_first, queue_item, shared, shared_pass, stored):
+    """How many items have an entry, and how many shared records these store that no batch before did.
+
+    shared : as in `append_items`. shared_pass : int64, 1 for records that are stored. stored : uint8[items], 0 at first. Both
+    are modified in place.
+    """
+    items, records = 0, 0
+    for q in range(queue_first[0], queue_first[-1]):
+        i = queue_item[q]
+        if stored[i] == 0:
+            stored[i] = 1
+            items += 1
+            for j in range(shared.shape[1]):
+                v = shared[i, j]
+                records += shared_pass[v] == 0
+                shared_pass[v] = 1
+    return items, records
+
+
+@kernel
 def append_flat(
-    queue_first, queue_item, shared, shared_pass, sums, layout, chunk_entries, chunk_bytes, link_bytes, static_chunks,
-    entries, walked, tile_pass, tile_passes, stored,
+    queue_first, items, records, num_shared, sums, layout, chunk_entries, chunk_bytes, link_bytes, static_chunks, entries,
+    walked, tile_pass, tile_passes,
 ):  # fmt: skip
     """`append_items` for lists of tiles alone in one pass, where the order of items decides nothing: tile by tile.
 
-    The same sums, ten times as fast. stored : uint8[items], 0 at first. All arrays of state are modified in place.
+    items, records : how many items and shared records are stored. num_shared : of an item. All arrays of state are modified
+    in place.
     """
-    num_shared = shared.shape[1]
-    items, records, chunks, links = 0, 0, 0, 0
+    chunks, links = 0, 0
     for tile in range(len(queue_first) - 1):
         begin, end = queue_first[tile], queue_first[tile + 1]
         if begin == end:
@@ -337,15 +357,6 @@ def append_flat(
             walked[tile] += (after - before) * link_bytes
         entries[tile] += end - begin
         walked[tile] += (end - begin) * layout.entry_bytes
-        for q in range(begin, end):
-            i = queue_item[q]
-            if stored[i] == 0:
-                stored[i] = 1
-                items += 1
-                for j in range(num_shared):
-                    v = shared[i, j]
-                    records += shared_pass[v] == 0
-                    shared_pass[v] = 1
     count = queue_first[-1] - queue_first[0]
     record_bytes = items * layout.item_bytes + records * layout.shared_bytes
     written = count * layout.entry_bytes + links * link_bytes
@@ -359,6 +370,13 @@ def append_flat(
     sums[_USED] += taken
     sums[_ALLOCATED] += taken
     sums[_PEAK] = sums[_USED]
+
+
+@kernel
+def count_owners(queue_item, owner, spread):
+    """Add 1 to spread[patch] for each queue entry of one of its items. owner : int32[items]."""
+    for q in range(len(queue_item)):
+        spread[owner[queue_item[q]]] += 1
 
 
 @kernel

@@ -11,14 +11,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.types import I32, I64, Triangles
+from pipeline.primitives import Outcome
+from pipeline.types import I32, I64
 from tiler import queue_lists
 from tiler.binning import TileQueues
 from tiler.config import Machine
 from tiler.errors import TilerError
+from tiler.front_end import Geometry
 from tiler.grid import Grid
 from tiler.queue_lists import Layout, Levels, Lists, Scheme, Sum
 from tiler.queue_models import Binning, Policy, QueueModel, load_queue_model
+from tiler.regions import Drawn
+from tiler.tile import TileCount
 
 SAMPLE_BYTES = 8  # colour and depth of a sample
 PERCENTILES = (50, 90, 99, 100)
@@ -27,13 +31,15 @@ PERCENTILES = (50, 90, 99, 100)
 class Items(NamedTuple):
     """What the entries of a batch stand for. owner : the patch of each item. shared : records that items share.
 
-    lasting : whether the numbers of shared records mean the same in every batch.
+    lasting : whether the numbers of shared records mean the same in every batch. stored : how many items and shared records
+    have an entry, where that is known and no two batches share a record.
     """
 
     owner: I32  # (items,) patch number
     shared: I32  # (items, K) numbers of shared records, 0 .. num_shared-1
     num_shared: int
     lasting: bool = False
+    stored: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -90,9 +96,14 @@ class QueueReport:
         }
 
 
-def triangle_items(triangles: Triangles, num_vertices: int) -> Items:
-    """`triangle` binning: an item is a set-up triangle, and shares its three vertices."""
-    return Items(triangles.patch, triangles.vertex, num_vertices)
+def triangle_items(geometry: Geometry, overlap: str) -> Items:
+    """`triangle` binning: an item is a set-up triangle, and shares its three vertices. overlap : as `Machine.overlap`.
+
+    With `rect` each is in some tile's queue: its box holds a sample of the picture.
+    """
+    triangles = geometry.triangles
+    stored = (int(triangles.used.sum()), int(geometry.num_used.sum())) if overlap == "rect" else None
+    return Items(triangles.patch, triangles.vertex, len(geometry.window.x), stored=stored)
 
 
 def patch_items(live: I32) -> Items:
@@ -105,10 +116,10 @@ def subpatch_items(owner: I32) -> Items:
     return Items(owner, owner.reshape(-1, 1), int(owner.max(initial=-1)) + 1, lasting=True)
 
 
-def describe_items(binning: Binning, owner: I32, triangles: Triangles, num_vertices: int) -> Items:
-    """Items of a batch of units, by what is binned. owner : the patch of each unit."""
+def describe_items(binning: Binning, overlap: str, owner: I32, geometry: Geometry) -> Items:
+    """Items of a batch of units, by what is binned. owner : the patch of each unit. overlap : as `Machine.overlap`."""
     if binning == "triangle":
-        return triangle_items(triangles, num_vertices)
+        return triangle_items(geometry, overlap)
     return patch_items(owner) if binning == "patch" else subpatch_items(owner)
 
 
@@ -191,24 +202,40 @@ class QueueMemory:
         """
         cuts = self.cut_at_pool(queues, items)
         self.entries += np.diff(queues.first)
-        spread = np.bincount(items.owner[queues.item])
-        queue_lists.rank_owners(queues.first, queues.item, items.owner, spread, self.most)
+        queue_lists.rank_owners(queues.first, queues.item, items.owner, _spread(queues, items.owner), self.most)
         return split_queues(queues, cuts)
+
+    def append_drawn(self, drawn: Drawn) -> None:
+        """As `append` for all triangles of a frame that was drawn in regions; where their order decides nothing."""
+        entries = drawn.counts[:, TileCount.QUEUE_ENTRIES]
+        first = np.zeros(len(entries) + 1, np.int64)
+        np.cumsum(entries, out=first[1:])
+        triangles, vertices = int(drawn.outcomes[:, Outcome.SETUP].sum()), int(drawn.num_used.sum())
+        self._append_flat(first, triangles, vertices, 3)
+        self.entries += entries
+        self.most[:] = drawn.most
+
+    def _append_flat(self, first: I64, items: int, records: int, num_shared: int) -> None:
+        """first : int64[tiles+1], where each tile's entries begin. The others as in `queue_lists.append_flat`."""
+        chunk = (int(column[0]) for column in self.levels[4:7])
+        queue_lists.append_flat(
+            first, items, records, num_shared, self.sums, self.layout, *chunk, int(self.levels.static_chunks[0]),
+            self.lists.entries, self.lists.walked, self.tile_pass, self.tile_passes,
+        )  # fmt: skip
 
     def cut_at_pool(self, queues: TileQueues, items: Items) -> I64:
         """Account for a batch's entries; the items with which a new pass began, in order."""
         n = len(items.owner)
-        shared_pass = np.zeros(items.num_shared, np.int64)
+        known = items.stored if self.order_decides_nothing else None
+        shared_pass = np.zeros(0 if known else items.num_shared, np.int64)
         if items.lasting:
             shared_pass[: len(self.shared_pass)] = self.shared_pass[: items.num_shared]
             self.shared_pass = shared_pass = np.append(shared_pass, self.shared_pass[items.num_shared :])
         if self.order_decides_nothing:
-            chunk = (int(column[0]) for column in self.levels[4:7])
-            queue_lists.append_flat(
-                queues.first, queues.item, items.shared, shared_pass, self.sums, self.layout, *chunk,
-                int(self.levels.static_chunks[0]), self.lists.entries, self.lists.walked, self.tile_pass,
-                self.tile_passes, np.zeros(n, np.uint8),
-            )  # fmt: skip
+            num_items, records = known or queue_lists.count_stored(
+                queues.first, queues.item, items.shared, shared_pass, np.zeros(n, np.uint8)
+            )
+            self._append_flat(queues.first, num_items, records, items.shared.shape[1])
             return np.zeros(0, np.int64)
         first = np.zeros(n + 1, np.int64)
         np.cumsum(np.bincount(queues.item, minlength=n), out=first[1:])
@@ -281,6 +308,13 @@ class QueueMemory:
             y, x = (np.arange(n) >> levels.shift[k] for n in shape)
             total += squares[np.ix_(y, x)]
         return total
+
+
+def _spread(queues: TileQueues, owner: I32) -> I64:
+    """Entries that each patch has in all queues, int64[patches]. owner : int32[items], the patch of each item."""
+    spread = np.zeros(int(owner.max(initial=-1)) + 1, np.int64)
+    queue_lists.count_owners(queues.item, owner, spread)
+    return spread
 
 
 def split_queues(queues: TileQueues, cuts: I64) -> list[TileQueues]:

@@ -22,6 +22,17 @@ SAMPLE_Y = {1: np.array([0], np.int64), 4: np.array([-6, -2, 2, 6], np.int64) * 
 MARGIN = {1: 0, 4: 96}  # farthest sample from the centre along an axis
 
 
+def _num_quads(odd_row: int, odd_column: int, bits: int) -> int:
+    """2x2 blocks, aligned to even pixels, that hold the set bits of a `types.Triangles.cover` from an odd or even pixel on."""
+    return len({(y + odd_row >> 1, x + odd_column >> 1) for y, x in np.ndindex(2, 2) if bits >> (2 * y + x) & 1})
+
+
+QUADS = np.array(
+    [_num_quads(*place) for place in np.ndindex(2, 2, 16)], np.uint8
+)  # [32 * odd_row + 16 * odd_column + bits]
+BIT_COUNT = np.array([bin(bits).count("1") for bits in range(16)], np.uint8)
+
+
 @inlined
 def _top_left_bias(dx, dy):
     """0 where a sample exactly on the edge is inside (a top or a left edge), else -1."""
@@ -106,6 +117,44 @@ def fill_small(
         e1 += dx1 << 8
         e2 += dx2 << 8
     return covered, passed, quads
+
+
+@inlined
+def fill_covered(
+    bits, t, x0, y0, xa, ya, xb, yb, xc, yc, z_a, z_b, z_c, lo, hi, width, depth, visible, ties, order, stored
+):  # fmt: skip
+    """As `fill_small`, of a triangle whose box begins at pixel (x0, y0) and of which is known what it covers.
+
+    bits : as in `types.Triangles.cover`. Returns samples passed, 2x2 blocks of pixels with a sample passed.
+    """
+    x, y = (x0 << 8) + 128, (y0 << 8) + 128
+    rx, ry = np.int64(xc) - x, np.int64(yc) - y
+    qx, qy = np.int64(xb) - x, np.int64(yb) - y
+    px, py = np.int64(xa) - x, np.int64(ya) - y
+    dx1, dy1, dx2, dy2 = px - rx, py - ry, qx - px, qy - py
+    e1 = dy1 * rx - dx1 * ry
+    e2 = dy2 * px - dx2 * py
+    base = np.float64(z_a)
+    plane = (base, np.float64(z_b) - base, np.float64(z_c) - base, lo, hi)
+    area = np.float64(dx2 * (ry - py) - dy2 * (rx - px))
+    first = y0 * width + x0
+    passed, seen = 0, np.int64(0)
+    while bits:
+        bit = bits & -bits
+        bits ^= bit
+        row, column = bit >> 2 != 0, bit & 0b1010 != 0
+        k = first + (width if row else 0) + column
+        d = depth[k]
+        if lo < d or ties:
+            f1 = e1 + ((dx1 << 8) if row else 0) - ((dy1 << 8) if column else 0)
+            f2 = e2 + ((dx2 << 8) if row else 0) - ((dy2 << 8) if column else 0)
+            z = _depth(plane, area, f1, f2)
+            if z < d or (ties and z == d and comes_before(t, visible[k], order, stored[k])):
+                depth[k] = z
+                visible[k] = t
+                passed += 1
+                seen |= bit
+    return passed, np.int64(QUADS[32 * (y0 & 1) + 16 * (x0 & 1) + seen])
 
 
 @helper

@@ -113,7 +113,7 @@ def _draw_triangles(
     grid: Grid, canvas: Canvas, first: bool, last: bool, host: Host,
 ) -> Drawn:  # fmt: skip
     points = back_end.NO_POINTS._replace(normal=normal)
-    geometry = Geometry(points, window, drawn, np.empty((0, NUM_OUTCOMES), np.int64), drawn)
+    geometry = Geometry(points, window, drawn, np.empty((0, NUM_OUTCOMES), np.int64), np.empty(0, np.int64), drawn)
     return _draw_units(
         Bins(queue, queue), NO_UNITS, geometry, order, NO_BOUNDS, rules, scene, grid, canvas, first, last, host
     )  # fmt: skip

@@ -3,7 +3,6 @@
 import numpy as np
 
 from pipeline.hull import num_control_points
-from pipeline.jit import kernel
 from pipeline.primitives import NUM_OUTCOMES, Outcome
 from pipeline.types import I32, I64, U8, CullFlag, Patches, Patterns
 from tiler.binning import TileQueues
@@ -15,6 +14,7 @@ from tiler.grid import Grid
 from tiler.phases import UnitTests
 from tiler.queue_memory import QueueReport
 from tiler.queues import Queues, queue_bytes
+from tiler.regions import Drawn
 from tiler.scene.model import Scene
 from tiler.subpatch import Split
 from tiler.tile import NUM_TILE_COUNTS, Target, TileCount
@@ -61,15 +61,6 @@ TILE_COUNTERS = {
     "dc_lookups": TileCount.CACHE_LOOKUPS,
     "dc_hits": TileCount.CACHE_HITS,
 }
-
-
-@kernel
-def _mark_vertices(triangles, used):
-    """used[v] = 1 for every vertex of a set-up triangle."""
-    for k in range(len(triangles.used)):
-        for t in range(triangles.first[k], triangles.first[k] + triangles.used[k]):
-            for c in range(3):
-                used[triangles.vertex[t, c]] = 1
 
 
 class Tally:
@@ -133,14 +124,10 @@ class Tally:
 
     def count_batch(self, units: Units, live: I32, geometry: Geometry, queues: TileQueues) -> None:
         """What binning a batch of units wrote, and what its front end did."""
-        self.outcomes += geometry.outcomes.sum(axis=0)
         if self.machine.binning == "triangle":
-            used = np.zeros(len(geometry.window.x), np.uint8)
-            _mark_vertices(geometry.triangles, used)
-            self._add_bytes(len(queues.item), int(geometry.triangles.used.sum()), int(used.sum()), 0, 0)
-            misses = vertex_misses(units.patterns, self.machine.vertex_cache)
-            self.values["ds_invocations"] += int(misses[units.patterns.of_patch[live]].sum())
+            self._count_triangles(units, live, geometry.outcomes, geometry.num_used, len(queues.item))
             return
+        self.outcomes += geometry.outcomes.sum(axis=0)
         queued = np.zeros(len(live), np.uint8)
         queued[queues.item] = 1
         found, name = int(queued.sum()), "bin_subpatches" if self.machine.binning == "subpatch" else "bin_patches"
@@ -153,6 +140,19 @@ class Tally:
             self.queued[units.owner[live[queued == 1]]] = 1
             found, parts = 0, found  # the patches are counted at the end: their parts may lie in several batches
         self._add_bytes(len(queues.item), 0, 0, found, parts)
+
+    def count_drawn(self, units: Units, live: I32, drawn: Drawn) -> None:
+        """What a `triangle` machine did with patches `live`, which were drawn in regions."""
+        self.tiles += drawn.counts
+        entries = int(drawn.counts[:, TileCount.QUEUE_ENTRIES].sum())
+        self._count_triangles(units, live, drawn.outcomes, drawn.num_used, entries)
+
+    def _count_triangles(self, units: Units, live: I32, outcomes: I64, num_used: I64, entries: int) -> None:
+        """outcomes : int64[live, NUM_OUTCOMES]. num_used : int64[live], vertices of set-up triangles. entries : queued."""
+        self.outcomes += outcomes.sum(axis=0)
+        self._add_bytes(entries, int(outcomes[:, Outcome.SETUP].sum()), int(num_used.sum()), 0, 0)
+        misses = vertex_misses(units.patterns, self.machine.vertex_cache)
+        self.values["ds_invocations"] += int(misses[units.patterns.of_patch[live]].sum())
 
     def count_entries(self, live: I32, queues: TileQueues, outcome: U8, number: int) -> None:
         """What became of the queue entries that pass `number` worked off, of a batch of units `live`."""

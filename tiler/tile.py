@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.inside import UNKNOWN
 from pipeline.jit import helper, inlined, kernel
 from pipeline.pixel import Shade
 from pipeline.primitives import NUM_OUTCOMES
@@ -24,7 +25,7 @@ from pipeline.types import F32, F64, I32, I64, U8
 from tiler.coarse_z import hidden_at, hides, propagate, recompute_block
 from tiler.near_planes import nearest_in
 from tiler.occlusion import hidden_hull
-from tiler.rasterizer import IN_LOOP, depth_limits, fill_small, rasterize
+from tiler.rasterizer import BIT_COUNT, IN_LOOP, depth_limits, fill_covered, fill_small, rasterize
 from tiler.shading import shade_tile
 
 
@@ -129,7 +130,8 @@ def _set(values, begin, end, value):
 
 
 @helper
-def _clear(rect, background, target):
+def clear_rect(rect, background, target):
+    """Clear pixels rect = (x0, y0, x1, y1), inclusive. background : uint8[4]."""
     width, samples = target.depth.shape[1:]
     depth, visible, order = target.depth.ravel(), target.visible.ravel(), target.order.ravel()
     color, value = target.color.view(np.uint32).ravel(), background.view(np.uint32)[0]
@@ -143,13 +145,19 @@ def _clear(rect, background, target):
 
 
 @helper
+def forget_rect(rect, target):
+    """Forget which triangles are seen in these pixels."""
+    width, samples = target.depth.shape[1:]
+    visible = target.visible.ravel()
+    for y in range(rect[1], rect[3] + 1):
+        _set(visible, (y * width + rect[0]) * samples, (y * width + rect[2] + 1) * samples, np.int32(-1))
+
+
+@helper
 def _forget_visible(rect, target):
     """Forget what the batch before showed, if the tile's first sample says that it may have shown something."""
-    width, samples = target.depth.shape[1:]
     if target.visible[rect[1], rect[0], 0] != -1:
-        visible = target.visible.ravel()
-        for y in range(rect[1], rect[3] + 1):
-            _set(visible, (y * width + rect[0]) * samples, (y * width + rect[2] + 1) * samples, np.int32(-1))
+        forget_rect(rect, target)
 
 
 @helper
@@ -163,7 +171,7 @@ def _store_order(rect, order, target):
 
 
 @helper
-def _resolve(rect, target):
+def resolve_rect(rect, target):
     """Average of a pixel's samples, rounded half up (19.2.4: the standard patterns weigh all samples alike)."""
     samples = target.depth.shape[2]
     for y in range(rect[1], rect[3] + 1):
@@ -176,7 +184,7 @@ def _resolve(rect, target):
 
 
 @helper
-def _draw_grid(rect, target):
+def draw_grid(rect, target):
     """Tint the tile's first row and column."""
     for y in range(rect[1], rect[3] + 1):
         for x in range(rect[0], rect[2] + 1):
@@ -339,7 +347,7 @@ def _work_off(
     by_blocks = rules.blocks or rules.update == FEED_FORWARD
     test_triangles = rules.triangles or (rules.pairs and not by_unit)
     at_once = len(sample_x) == 1 and not by_blocks
-    item, box, vertex = triangle_queue.item, triangles.box, triangles.vertex
+    item, box, cover, vertex = triangle_queue.item, triangles.box, triangles.cover, triangles.vertex
     xs, ys, zs = window.x, window.y, window.z
     width, depth, visible, stored = (
         target.depth.shape[1],
@@ -371,7 +379,23 @@ def _work_off(
             if test_triangles and _triangle_hidden((x0, y0, x1, y1), lo, rules, coarse, counts):
                 continue
             drawn += 1
-            if at_once and x1 - x0 < IN_LOOP and y1 - y0 < IN_LOOP:
+            bits = np.int64(cover[t])
+            if at_once and bits == 0:
+                continue
+            if (
+                at_once
+                and bits != UNKNOWN
+                and box[t, 0] == x0
+                and box[t, 1] == y0
+                and box[t, 2] == x1
+                and box[t, 3] == y1
+            ):
+                passed, quads = fill_covered(
+                    bits, t, x0, y0, xs[a], ys[a], xs[b], ys[b], xs[c], ys[c], z_a, z_b, z_c, lo, hi, width, depth, visible,
+                    ties, order, stored,
+                )  # fmt: skip
+                covered, pixels = int(BIT_COUNT[bits]), passed
+            elif at_once and x1 - x0 < IN_LOOP and y1 - y0 < IN_LOOP:
                 covered, passed, quads = fill_small(
                     t, x0, y0, x1, y1, xs[a], ys[a], xs[b], ys[b], xs[c], ys[c], z_a, z_b, z_c, lo, hi, width, depth,
                     visible, ties, order, stored,
@@ -429,7 +453,7 @@ def process_tiles(
             _forget_visible(rect, target)
         elif tile == begin or x0 == 0:  # all tiles of this row of tiles at once: long runs, which stay in the cache
             in_row = min(end - tile, tiles_x - tile % tiles_x)
-            _clear((x0, y0, min(x0 + (in_row << tile_log2), grid.width) - 1, rect[3]), background, target)
+            clear_rect((x0, y0, min(x0 + (in_row << tile_log2), grid.width) - 1, rect[3]), background, target)
         if queue.first[tile] < queue.first[tile + 1]:
             first_row, last_row = _work_off(
                 tile, rect, rules, queue, triangle_queue, work, viewport, triangles, order, window, pattern, depth_range,
@@ -444,6 +468,6 @@ def process_tiles(
                     target.visible[y0, x0, 0] = STALE
         if last_batch:
             if target.depth.shape[2] > 1:
-                _resolve(rect, target)
+                resolve_rect(rect, target)
             if shading == TILE_GRID:
-                _draw_grid(rect, target)
+                draw_grid(rect, target)

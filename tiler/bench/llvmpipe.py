@@ -107,7 +107,7 @@ def drawing_of(scene: Scene, frame: float = 0) -> Drawing:
         SPACING[policy.partitioning],
         (picture.width, picture.height),
         picture.background,
-        back_end._unit(scene.light),
+        back_end.unit_vector(scene.light),
         tuple(float(c) for c in pixel.CLAY),
         tuple(float(c) for c in pixel.AMBIENT),
         scene.face_cull,

@@ -1,0 +1,289 @@
+"""Patches drawn one after the other in one part of the picture: shaded, set up and rasterized while they are in the cache.
+
+For machines that make no test in their tiles and take triangles in submit order: what a tile draws is then decided by that
+order alone, so nothing need wait in a queue. What a machine queues is counted all the same, triangle by triangle and tile by
+tile. A region is a rectangle of whole tiles, and is given all patches whose bounds touch it.
+"""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline import domain, pixel, primitives
+from pipeline.inside import UNKNOWN, Lanes, make_lanes
+from pipeline.jit import helper, kernel
+from pipeline.types import F32, F64, I64, U8, DomainPoints, Triangles
+from tiler.rasterizer import BIT_COUNT, IN_LOOP, depth_limits, fill_covered, fill_small, rasterize
+from tiler.shading import shade_tile
+from tiler.tile import TILE_GRID, TileCount, clear_rect, draw_grid, forget_rect, resolve_rect
+
+POINTS = 1 << 14  # domain points shaded together: they and their triangles stay in the second-level cache
+TRIANGLES = 2 * POINTS
+ADDED = 1 << 15  # vertices, and triangles, that the clipper may add to them
+
+
+class Ended(IntEnum):
+    """How a region ended."""
+
+    DRAWN = 0
+    ESCAPED = 1  # a patch reaches out of its bounds
+    FULL = 2  # the clipper made more than there is room for
+
+
+_DRAWN, _ESCAPED, _FULL = (int(e) for e in Ended)
+_ENTRIES, _TRIANGLES, _COVERED, _PASSED, _PS, _HELPERS = (
+    int(c)
+    for c in (
+        TileCount.QUEUE_ENTRIES,
+        TileCount.TRIANGLES,
+        TileCount.SAMPLES_COVERED,
+        TileCount.SAMPLES_PASSED,
+        TileCount.PS_INVOCATIONS,
+        TileCount.PS_HELPERS,
+    )
+)
+
+
+class Space(NamedTuple):
+    """Scratch of one thread."""
+
+    used: U8  # (vertices,)
+    queued: I64  # (tiles,) entries of the patch at hand; 0 between patches
+    shader: F32
+    clipper: F64
+    lanes_corner: I64
+    lanes_rows: I64
+    pixels: F32
+
+
+def make_space(most_points: int, num_tiles: int) -> Space:
+    """Scratch for patterns of at most so many points."""
+    lanes = make_lanes(most_points)
+    return Space(
+        np.empty(max(POINTS, most_points) + ADDED, np.uint8),
+        np.zeros(num_tiles, np.int64),
+        np.empty(domain.SCRATCH, np.float32),
+        np.empty((2 * primitives.MAX_CORNERS, primitives.POLYGON)),
+        lanes.corner,
+        lanes.rows,
+        np.empty(pixel.SCRATCH, np.float32),
+    )
+
+
+def make_points(patches: int, most_points: int) -> DomainPoints:
+    """Room for the domain points of patches that are shaded together, and for the normals of the clipper's vertices."""
+    n = max(POINTS, most_points)
+    return DomainPoints(
+        np.zeros(patches + 1, np.int64), np.empty((4, n), np.float32), np.empty((3, n + ADDED), np.float32)
+    )
+
+
+def make_triangles(patches: int, most_triangles: int) -> Triangles:
+    """Room for their triangles, and those that the clipper adds."""
+    n = max(TRIANGLES, most_triangles) + ADDED
+    return Triangles(
+        first=np.zeros(patches + 1, np.int64),
+        used=np.zeros(patches, np.int32),
+        vertex=np.empty((n, 3), np.int32),
+        box=np.empty((n, 4), np.int16),
+        cover=np.empty(n, np.uint8),
+        edges=np.empty(n, np.uint8),
+        patch=np.empty(n, np.int32),
+        source=np.empty(n, np.int32),
+    )
+
+
+@helper
+def _end_of_group(begin, end, live, patterns):
+    """Patches begin .. the result - 1 have at most POINTS domain points together, or are one."""
+    total = 0
+    for k in range(begin, end):
+        pattern = patterns.of_patch[live[k]]
+        total += patterns.first_point[pattern + 1] - patterns.first_point[pattern]
+        if total > POINTS and k > begin:
+            return k
+    return end
+
+
+@helper
+def _set_up(
+    begin, end, live, patches, patterns, maps, matrix, viewport, guard, bounds, margin, face_cull, points, window, triangles,
+    first_spare, cuts, outcomes, num_used, space,
+):  # fmt: skip
+    """Domain shader and primitives of patches begin .. end-1, their triangles one after the other; how it ended."""
+    points.first[begin] = 0
+    for k in range(begin, end):
+        pattern = patterns.of_patch[live[k]]
+        points.first[k + 1] = points.first[k] + patterns.first_point[pattern + 1] - patterns.first_point[pattern]
+    total = points.first[end]
+    domain.shade_patches(begin, end, live, patches, patterns, maps, matrix, points, space.shader)
+    primitives.project_points(0, total, points.clip, viewport, guard, window)
+    primitives.count_cuts(begin, end, live, patterns, points.first, window.code, cuts)
+    spare = total
+    for k in range(begin, end):
+        first_spare[k] = spare
+        spare += cuts[k] * primitives.MAX_CORNERS
+    first_spare[end] = spare
+    if spare - total > ADDED:
+        return _FULL
+    for v in range(spare):
+        space.used[v] = 0
+    t = 0
+    lanes = Lanes(space.lanes_corner, space.lanes_rows)
+    for k in range(begin, end):
+        triangles.first[k] = t
+        primitives.assemble(
+            k, k + 1, live, patterns, points, first_spare, viewport, guard, bounds, margin, face_cull, window, triangles,
+            outcomes, space.used, num_used, space.clipper, lanes,
+        )  # fmt: skip
+        t += triangles.used[k]
+    triangles.first[end] = t
+    return _DRAWN
+
+
+@helper
+def _draw_patch(
+    first, last, region, grid, limits, triangles, window, pattern, depth_range, order, target, queued, counts
+):  # fmt: skip
+    """Rasterize triangles first .. last-1, a patch's, in the region; what they do is counted in the tiles.
+
+    Returns the pairs of these triangles and tiles, in all regions; -1 where one reaches out of `limits`, the pixels x0, y0,
+    x1, y1 (ends exclusive) that hold the patch.
+    """
+    sample_x, sample_y, margin = pattern
+    left, top, right, bottom = region
+    log2, tiles_x = grid.tile_log2, grid.tiles_x
+    box, cover, vertex = triangles.box, triangles.cover, triangles.vertex
+    xs, ys, zs = window.x, window.y, window.z
+    width, depth, visible, stored = (
+        target.depth.shape[1], target.depth.ravel(), target.visible.ravel(), target.order.ravel(),
+    )  # fmt: skip
+    one_sample = len(sample_x) == 1
+    pairs = 0
+    for t in range(first, last):
+        x0, y0, x1, y1 = np.int64(box[t, 0]), np.int64(box[t, 1]), np.int64(box[t, 2]), np.int64(box[t, 3])
+        if x0 < limits[0] or y0 < limits[1] or x1 >= limits[2] or y1 >= limits[3]:
+            return -1
+        pairs += ((x1 >> log2) - (x0 >> log2) + 1) * ((y1 >> log2) - (y0 >> log2) + 1)
+        bits = np.int64(cover[t])
+        if x0 < left or y0 < top or x1 > right or y1 > bottom:
+            x0, y0, x1, y1 = max(x0, left), max(y0, top), min(x1, right), min(y1, bottom)
+            if x0 > x1 or y0 > y1:
+                continue
+            bits = np.int64(UNKNOWN)  # they are of the whole box
+        tile = (y0 >> log2) * tiles_x + (x0 >> log2)
+        in_one = (x0 ^ x1) >> log2 == 0 and (y0 ^ y1) >> log2 == 0
+        if bits == 0 and in_one:  # a queue entry, and no more
+            queued[tile] += 1
+            continue
+        a, b, c = vertex[t, 0], vertex[t, 1], vertex[t, 2]
+        lo, hi = depth_limits(zs[a], zs[b], zs[c], depth_range)
+        if bits != UNKNOWN and in_one:
+            passed, quads = fill_covered(
+                bits, t, x0, y0, xs[a], ys[a], xs[b], ys[b], xs[c], ys[c], zs[a], zs[b], zs[c], lo, hi, width, depth, visible,
+                False, order, stored,
+            )  # fmt: skip
+            queued[tile] += 1
+            counts[tile, _COVERED] += BIT_COUNT[bits]
+            counts[tile, _PASSED] += passed
+            counts[tile, _PS] += passed
+            counts[tile, _HELPERS] += 4 * quads - passed
+            continue
+        small = one_sample and x1 - x0 < IN_LOOP and y1 - y0 < IN_LOOP
+        for ty in range(y0 >> log2, (y1 >> log2) + 1):
+            for tx in range(x0 >> log2, (x1 >> log2) + 1):
+                tile = ty * tiles_x + tx
+                tx0, ty0 = max(x0, tx << log2), max(y0, ty << log2)
+                tx1, ty1 = min(x1, ((tx + 1) << log2) - 1), min(y1, ((ty + 1) << log2) - 1)
+                if small:
+                    covered, passed, quads = fill_small(
+                        t, tx0, ty0, tx1, ty1, xs[a], ys[a], xs[b], ys[b], xs[c], ys[c], zs[a], zs[b], zs[c], lo, hi, width,
+                        depth, visible, False, order, stored,
+                    )  # fmt: skip
+                    pixels = passed
+                else:
+                    covered, passed, pixels, quads = rasterize(
+                        t, tx0, ty0, tx1, ty1, triangles, window, sample_x, sample_y, margin, depth_range, target.depth,
+                        target.visible, False, order, target.order,
+                    )  # fmt: skip
+                queued[tile] += 1
+                counts[tile, _COVERED] += covered
+                counts[tile, _PASSED] += passed
+                counts[tile, _PS] += pixels
+                counts[tile, _HELPERS] += 4 * quads - pixels
+    return pairs
+
+
+@helper
+def _count_queues(patch, limits, pairs, region, grid, queued, counts, most):
+    """Add a patch's entries in each tile of the region, and remember the patch that fills a tile's queue most."""
+    log2 = grid.tile_log2
+    x0, y0 = max(limits[0], region[0]) >> log2, max(limits[1], region[1]) >> log2
+    x1, y1 = min(limits[2] - 1, region[2]) >> log2, min(limits[3] - 1, region[3]) >> log2
+    for ty in range(y0, y1 + 1):
+        for tx in range(x0, x1 + 1):
+            tile = ty * grid.tiles_x + tx
+            n = queued[tile]
+            if n > 0:
+                queued[tile] = 0
+                counts[tile, _ENTRIES] += n
+                counts[tile, _TRIANGLES] += n
+                if n > most[tile, 0] or (n == most[tile, 0] and pairs > most[tile, 1]):
+                    most[tile, 0], most[tile, 1], most[tile, 2] = n, pairs, patch
+
+
+@kernel
+def draw_region(
+    live, patches, patterns, maps, matrix, viewport, guard, bounds, margin, face_cull, rect, region, grid, pattern,
+    depth_range, background, shading, light, first_batch, last_batch, points, window, triangles, first_spare, cuts, outcomes,
+    num_used, order, target, counts, most, space,
+):  # fmt: skip
+    """Draw the patches `live`, int32[n], in submit order, in pixels region = (x0, y0, x1, y1), inclusive; how it `Ended`.
+
+    rect : int32[n, 4], the pixels that hold each, ends exclusive. points, window, triangles : room for what is shaded
+    together; first_spare int64[n+1], cuts int64[n]: scratch. outcomes : int64[n, NUM_OUTCOMES], 0 at first, and num_used :
+    int64[n], as `primitives.assemble` counts them. order : of no rows. counts : int64[tiles, NUM_TILE_COUNTS] and most :
+    int64[tiles, 3], as in `tile.process_tiles` and `queue_lists.rank_owners`, changed for the region's tiles alone. The
+    others as in `primitives.assemble` and `process_tiles`; all are modified in place.
+    """
+    if first_batch:
+        clear_rect(region, background, target)
+    begin, n = 0, len(live)
+    while begin < n:
+        end = _end_of_group(begin, n, live, patterns)
+        ended = _set_up(
+            begin, end, live, patches, patterns, maps, matrix, viewport, guard, bounds, margin, face_cull, points, window,
+            triangles, first_spare, cuts, outcomes, num_used, space,
+        )  # fmt: skip
+        if ended != _DRAWN:
+            return ended
+        drawn = (region[2] + 1, region[3] + 1, region[0] - 1, region[1] - 1)
+        for k in range(begin, end):
+            if triangles.used[k] == 0:
+                continue
+            limits = (np.int64(rect[k, 0]), np.int64(rect[k, 1]), np.int64(rect[k, 2]), np.int64(rect[k, 3]))
+            pairs = _draw_patch(
+                triangles.first[k], triangles.first[k + 1], region, grid, limits, triangles, window, pattern, depth_range,
+                order, target, space.queued, counts,
+            )  # fmt: skip
+            if pairs < 0:
+                return _ESCAPED
+            _count_queues(live[k], limits, pairs, region, grid, space.queued, counts, most)
+            drawn = (
+                min(drawn[0], limits[0]), min(drawn[1], limits[1]), max(drawn[2], limits[2] - 1), max(drawn[3], limits[3] - 1),
+            )  # fmt: skip
+        seen = (max(drawn[0], region[0]), max(drawn[1], region[1]), min(drawn[2], region[2]), min(drawn[3], region[3]))
+        if seen[0] <= seen[2] and seen[1] <= seen[3]:
+            shade_tile(seen, triangles, window, points.normal, shading, light, target, space.pixels)
+            forget_rect(seen, target)
+        begin = end
+    if last_batch:
+        if target.depth.shape[2] > 1:
+            resolve_rect(region, target)
+        if shading == TILE_GRID:
+            side = 1 << grid.tile_log2
+            for y in range(region[1], region[3] + 1, side):
+                for x in range(region[0], region[2] + 1, side):
+                    draw_grid((x, y, min(x + side - 1, region[2]), min(y + side - 1, region[3])), target)
+    return _DRAWN

@@ -1,0 +1,147 @@
+"""Frames drawn region by region: the fast way, for machines whose tiles draw in submit order and test nothing.
+
+The picture is cut into rectangles of whole tiles, so that threads share no pixel, and each is given the patches whose bounds
+touch it, in submit order. A patch at a border is shaded in both of its regions, which is executed more, and counted once.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline import pixel, primitives
+from pipeline.primitives import NUM_OUTCOMES
+from pipeline.types import I32, I64, DisplacementMaps, FaceCull, Patches, Patterns, Viewport
+from tiler.back_end import NO_ORDER, unit_vector
+from tiler.config import Machine
+from tiler.front_end import allocate_window, split_batches
+from tiler.grid import Grid
+from tiler.host import Host
+from tiler.rasterizer import MARGIN, SAMPLE_X, SAMPLE_Y
+from tiler.region_kernel import ADDED, POINTS, Ended, draw_region, make_points, make_space, make_triangles
+from tiler.scene.camera import Camera
+from tiler.scene.model import Scene
+from tiler.tile import NUM_TILE_COUNTS, Target
+
+BATCH_POINTS = 1 << 22  # domain points between two reports of progress
+REGIONS = 4  # for each thread, if there are several: so that unequal ones even out
+
+Rect = tuple[int, int, int, int]
+
+
+class Drawn(NamedTuple):
+    """What a frame's patches did."""
+
+    outcomes: I64  # (live, NUM_OUTCOMES)
+    num_used: I64  # (live,) vertices of set-up triangles
+    counts: I64  # (tiles, NUM_TILE_COUNTS)
+    most: I64  # (tiles, 3) as `queue_lists.rank_owners` finds them
+
+
+def draws_in_regions(machine: Machine) -> bool:
+    """Whether the machine's tiles draw what they draw in submit order, whatever they hold."""
+    return (
+        machine.binning == "triangle" and not machine.reordered and not machine.occlusion and machine.overlap == "rect"
+    )
+
+
+def cut_regions(rect: I32, weight: I64, grid: Grid, most: int) -> list[Rect]:
+    """Cut the picture into at most so many rectangles of whole tiles, of like weight; pixels x0, y0, x1, y1, inclusive.
+
+    rect : int32[n, 4], pixels of patches, ends exclusive. weight : int64[n], what each costs.
+    """
+    side = 1 << grid.tile_log2
+
+    def cut(tiles: Rect, x: np.ndarray, y: np.ndarray, w: np.ndarray, parts: int) -> list[Rect]:
+        x0, y0, x1, y1 = tiles
+        along_x = x1 - x0 >= y1 - y0
+        if parts < 2 or (x1 - x0 if along_x else y1 - y0) < 2:
+            return [tiles]
+        lo, hi, middle = (x0, x1, x) if along_x else (y0, y1, y)
+        sums = np.cumsum(np.bincount(np.clip(middle - lo, 0, hi - lo - 1), w, hi - lo))
+        at = lo + 1 + int(np.abs(sums[:-1] - sums[-1] / 2).argmin())
+        near = middle < at
+        first, second = ((x0, y0, at, y1), (at, y0, x1, y1)) if along_x else ((x0, y0, x1, at), (x0, at, x1, y1))
+        return [
+            *cut(first, x[near], y[near], w[near], parts // 2),
+            *cut(second, x[~near], y[~near], w[~near], parts // 2),
+        ]
+
+    centre = (rect[:, :2].astype(np.int64) + rect[:, 2:]) // (2 * side)
+    pieces = cut((0, 0, grid.tiles_x, grid.tiles_y), centre[:, 0], centre[:, 1], weight.astype(np.float64), most)
+    return [
+        (side * x0, side * y0, min(side * x1, grid.width) - 1, min(side * y1, grid.height) - 1)
+        for x0, y0, x1, y1 in pieces
+    ]
+
+
+def draw_frame_in_regions(
+    scene: Scene, live: I32, rect: I32, patches: Patches, patterns: Patterns, maps: DisplacementMaps, camera: Camera,
+    viewport: Viewport, grid: Grid, target: Target, host: Host, progress: Callable[[float], None],
+) -> Drawn | None:  # fmt: skip
+    """Draw the live patches on `target`; None where that can't be done so, and all is to be drawn anew.
+
+    rect : int32[P, 4], the pixels that hold each patch, ends exclusive.
+    """
+    drawn = Drawn(
+        np.zeros((len(live), NUM_OUTCOMES), np.int64),
+        np.zeros(len(live), np.int64),
+        np.zeros((grid.num_tiles, NUM_TILE_COUNTS), np.int64),
+        np.zeros((grid.num_tiles, 3), np.int64),
+    )
+    drawn.most[:, 2] = -1
+    sizes = np.diff(patterns.first_point)
+    batches = split_batches(live, patterns, BATCH_POINTS)
+    done = 0
+    for b, batch in enumerate(batches):
+        first, last = b == 0, b == len(batches) - 1
+        weight = sizes[patterns.of_patch[batch]]
+        regions = cut_regions(rect[batch], weight, grid, 1 if host.threads == 1 else REGIONS * host.threads)
+        part = Drawn(drawn.outcomes[done : done + len(batch)], drawn.num_used[done : done + len(batch)], *drawn[2:])
+        ended = _draw_batch(
+            scene, batch, rect[batch], regions, patches, patterns, maps, camera, viewport, grid, target, first, last, part,
+            host,
+        )  # fmt: skip
+        if not ended:
+            return None
+        done += len(batch)
+        progress((b + 1) / len(batches))
+    return drawn
+
+
+def _draw_batch(
+    scene: Scene, batch: I32, rect: I32, regions: list[Rect], patches: Patches, patterns: Patterns, maps: DisplacementMaps,
+    camera: Camera, viewport: Viewport, grid: Grid, target: Target, first: bool, last: bool, drawn: Drawn, host: Host,
+) -> bool:  # fmt: skip
+    """Draw a batch in all regions; whether that went well."""
+    picture = scene.picture
+    samples = picture.samples
+    guard = primitives.guard_band(viewport)
+    bounds = (viewport.left, viewport.top, viewport.left + viewport.width - 1, viewport.top + viewport.height - 1)
+    pattern = (SAMPLE_X[samples], SAMPLE_Y[samples], MARGIN[samples])
+    depth_range = (np.float32(0.0), np.float32(1.0))
+    background = np.array([*picture.background, 255], np.uint8)
+    shading, light = int(pixel.Shade[picture.shading.upper()]), unit_vector(scene.light)
+    face_cull = int(FaceCull[scene.face_cull.upper()])
+    most_points = int(np.diff(patterns.first_point).max(initial=0))
+    most_triangles = int(np.diff(patterns.first_triangle).max(initial=0))
+    ended = np.zeros(len(regions), np.int64)
+    nowhere = (rect[:, 0] >= rect[:, 2]) | (rect[:, 1] >= rect[:, 3])
+
+    def work(r: int) -> None:
+        x0, y0, x1, y1 = region = regions[r]
+        touches = (rect[:, 0] <= x1) & (rect[:, 2] > x0) & (rect[:, 1] <= y1) & (rect[:, 3] > y0) & ~nowhere
+        mine = np.flatnonzero(touches | nowhere if r == 0 else touches)
+        n = len(mine)
+        outcomes, num_used = np.zeros((n, NUM_OUTCOMES), np.int64), np.zeros(n, np.int64)
+        ended[r] = draw_region(
+            batch[mine], patches, patterns, maps, camera.clip_from_world, viewport, guard, bounds, pattern[2], face_cull,
+            rect[mine], region, grid, pattern, depth_range, background, shading, light, first, last,
+            make_points(n, most_points), allocate_window(max(POINTS, most_points) + ADDED), make_triangles(n, most_triangles),
+            np.empty(n + 1, np.int64), np.empty(n, np.int64), outcomes, num_used, NO_ORDER, target, drawn.counts, drawn.most,
+            make_space(most_points, grid.num_tiles),
+        )  # fmt: skip
+        drawn.outcomes[mine], drawn.num_used[mine] = outcomes, num_used  # the same from each region that has the patch
+
+    host.run(work, len(regions))
+    return bool((ended == int(Ended.DRAWN)).all())
