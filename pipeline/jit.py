@@ -1,7 +1,8 @@
 """The one decorator that compiles kernels, and where their compiled code is kept between processes.
 
 `kernel` marks a function that Python calls: compiled at its first call, without the GIL held, and cached on disk.
-`helper` marks a function that only kernels call: it is compiled into them. `inlined` is a helper that is never a call.
+`helper` marks a function that only kernels call: it is compiled into them. `inlined` is a helper that is never a call,
+and `unaliased` one whose arrays do not overlap.
 
 Numba's own disk cache looks at the file that holds a kernel and at nothing else: after an edit of a helper in another
 file, the stale kernel goes on answering. So each module's kernels are kept in a folder named by a digest of that module
@@ -26,6 +27,7 @@ from typing import Any
 
 import numba
 from numba.core import event
+from numba.core.compiler import Compiler
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("pipeline", "tiler")
@@ -170,6 +172,23 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     Copied into each of its callers, so a loop over rows sees where these lie in memory.
     """
     return numba.njit(nogil=True, error_model="numpy", forceinline=True)(function)
+
+
+class _Unaliased(Compiler):
+    """Numba's compiler, told that what one array argument points to is reached through no other."""
+
+    def define_pipelines(self) -> Any:
+        self.state.flags.noalias = True
+        return super().define_pipelines()
+
+
+def unaliased(function: Callable[..., Any]) -> Callable[..., Any]:
+    """As `helper`, for loops that read arrays at places known only when they run, and write others.
+
+    Such a loop vectorizes only where no write can change what is read later. So the caller promises that no entry that is
+    written through one array argument is read or written through another; they may be parts of one array.
+    """
+    return numba.njit(nogil=True, error_model="numpy", pipeline_class=_Unaliased)(function)
 
 
 class _Announcer(event.Listener):

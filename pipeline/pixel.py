@@ -4,14 +4,15 @@ Attributes are interpolated with perspective, float64, from the exact edge value
 the shader as float32 (D3D11.3 functional specification 3.4.1, 15.16.2): a = sum(E_i a_i / w_i) / sum(E_i / w_i).
 
 A run of fragments is interpolated and shaded together. Its rows lie in one scratch array at constant distances, so that the
-arithmetic vectorizes (as in `pipeline.domain`); all rows of a run fit into the first level of a processor's cache.
+arithmetic vectorizes (as in `pipeline.domain`); all rows of a run fit into the first level of a processor's cache. Loops go
+over whole LANES: the caller pads a run with copies of its last fragment, so that no rest is left to a scalar loop.
 """
 
 from enum import IntEnum
 
 import numpy as np
 
-from pipeline.jit import helper
+from pipeline.jit import helper, inlined, unaliased
 
 
 class Shade(IntEnum):
@@ -26,19 +27,29 @@ class Shade(IntEnum):
 
 NORMAL, PATCH, WIREFRAME = int(Shade.NORMAL), int(Shade.PATCH), int(Shade.WIREFRAME)
 
-FRAGMENTS = 64  # most fragments of a run
-NX, NY, NZ, RED, GREEN, BLUE = (k * FRAGMENTS for k in range(6))
-WA, WB, WC = (k * FRAGMENTS for k in range(6, 9))  # corners: clip-space w, and normals, component by component
-NAX, NAY, NAZ, NBX, NBY, NBZ, NCX, NCY, NCZ = (k * FRAGMENTS for k in range(9, 18))
-E0, E1, E2 = (
-    k * FRAGMENTS for k in range(9, 12)
-)  # edge functions: rows of the scratch's float64 view, behind the others
-SCRATCH = 24 * FRAGMENTS  # float32 entries that the caller provides, on an address that is a multiple of 8
+FRAGMENTS = 256  # most fragments of a run
+LANES = 16  # a run is padded to a multiple of this, and FRAGMENTS is one
+A, B, C, X, Y = (k * FRAGMENTS for k in range(5))  # int32 rows: the triangle's vertices, the pixel
+TRIANGLE, PLACE = (k * FRAGMENTS for k in range(5, 7))  # int32 rows: for the caller
+NUMBERS = 7 * FRAGMENTS  # int32 entries of a run
+FACING = 0  # float32 rows: 1, or -1 of a back face, whose normal is turned to the viewer;
+RED, GREEN, BLUE = (k * FRAGMENTS for k in range(1, 4))  # the surface's colour, 0 .. 1, where it is not CLAY
+VALUES = 4 * FRAGMENTS  # float32 entries of a run
+NX, NY, NZ = (k * FRAGMENTS for k in range(3))  # float32 rows: the normal
+NORMALS = 3 * FRAGMENTS
+SCRATCH = NUMBERS + VALUES + NORMALS + FRAGMENTS  # float32 entries that the caller provides
 
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 BYTE = np.float32(255.0)
 CLAY = (np.float32(0.80), np.float32(0.74), np.float32(0.64))
 AMBIENT = (np.float32(0.03), np.float32(0.045), np.float32(0.075))  # bluish: shadows are cooler than lit sides
+OPAQUE = np.uint32(255 << 24)
+
+
+@inlined
+def whole_lanes(n):
+    """n, rounded up to a multiple of LANES."""
+    return (n + (LANES - 1)) // LANES * LANES
 
 
 @helper
@@ -75,70 +86,102 @@ def line_darkening(edges, e0, e1, e2, mask):
     return np.float32(0.12 + 0.88 * nearest)
 
 
-@helper
-def interpolate(n, s, edges):
-    """Normals of n fragments from those of their triangles' corners: rows NX, NY, NZ of scratch s from WA .. NCZ and E0 .. E2.
+@unaliased
+def interpolate(n, numbers, values, xs, ys, ws, nx, ny, nz, normals):
+    """Normals of n fragments, in whole lanes, turned to the viewer: rows NX, NY, NZ of `normals`.
 
-    edges : the float64 view of s.
+    numbers : int32[NUMBERS], values : float32[VALUES]; read are rows A, B, C, X, Y and FACING. xs, ys : int32, ws : float32,
+    the window's vertices; nx, ny, nz : float32, their normals. normals : float32[NORMALS], any length.
+
+    Corners are taken relative to the pixel's centre: their differences and the edge values, at most 2^49, are exact. All
+    that is loaded and stored is 32 bits wide, so that a vector of fragments is gathered at a time.
     """
-    for k in range(n):
-        e0, e1, e2 = edges[E0 + k], edges[E1 + k], edges[E2 + k]
-        a, b, c = 1.0 / np.float64(s[WA + k]), 1.0 / np.float64(s[WB + k]), 1.0 / np.float64(s[WC + k])
-        scale = 1.0 / ((e0 * a + e1 * b) + e2 * c)
-        s[NX + k] = ((e0 * (s[NAX + k] * a) + e1 * (s[NBX + k] * b)) + e2 * (s[NCX + k] * c)) * scale
-        s[NY + k] = ((e0 * (s[NAY + k] * a) + e1 * (s[NBY + k] * b)) + e2 * (s[NCY + k] * c)) * scale
-        s[NZ + k] = ((e0 * (s[NAZ + k] * a) + e1 * (s[NBZ + k] * b)) + e2 * (s[NCZ + k] * c)) * scale
+    for k in range(whole_lanes(n)):
+        # unsigned: no index from the end
+        a, b, c = np.uint32(numbers[A + k]), np.uint32(numbers[B + k]), np.uint32(numbers[C + k])
+        x, y = (numbers[X + k] << 8) + 128, (numbers[Y + k] << 8) + 128
+        px, py = np.float64(np.int32(xs[a] - x)), np.float64(np.int32(ys[a] - y))
+        qx, qy = np.float64(np.int32(xs[b] - x)), np.float64(np.int32(ys[b] - y))
+        rx, ry = np.float64(np.int32(xs[c] - x)), np.float64(np.int32(ys[c] - y))
+        e0, e1, e2 = qx * ry - qy * rx, rx * py - ry * px, px * qy - py * qx
+        u, v, w = 1.0 / np.float64(ws[a]), 1.0 / np.float64(ws[b]), 1.0 / np.float64(ws[c])
+        scale = 1.0 / ((e0 * u + e1 * v) + e2 * w)
+        facing = values[FACING + k]
+        normals[NX + k] = facing * np.float32(((e0 * (nx[a] * u) + e1 * (nx[b] * v)) + e2 * (nx[c] * w)) * scale)
+        normals[NY + k] = facing * np.float32(((e0 * (ny[a] * u) + e1 * (ny[b] * v)) + e2 * (ny[c] * w)) * scale)
+        normals[NZ + k] = facing * np.float32(((e0 * (nz[a] * u) + e1 * (nz[b] * v)) + e2 * (nz[c] * w)) * scale)
+
+
+@inlined
+def _unit(normals, k):
+    """The normal of fragment k, unit; zero where there is none."""
+    x, y, z = normals[NX + k], normals[NY + k], normals[NZ + k]
+    length = np.sqrt((x * x + y * y) + z * z)
+    scale = ONE / length if length > ZERO else ZERO
+    return x * scale, y * scale, z * scale
+
+
+@inlined
+def _lit(normals, k, light):
+    """Lambert, wrapped half way around and squared so that shadow sides keep their form."""
+    x, y, z = _unit(normals, k)
+    wrapped = HALF + HALF * ((x * light[0] + y * light[1]) + z * light[2])
+    return wrapped * wrapped
+
+
+@inlined
+def _display(color, ambient, lit):
+    """A channel as the square root of linear light (a gamma of 2, which needs no transcendental function)."""
+    return np.sqrt(color * (ambient + (ONE - ambient) * lit))
+
+
+@inlined
+def _byte(channel):
+    """0 .. 1 as 0 .. 255, rounded half up."""
+    return np.uint32(np.int32(min(max(channel, ZERO), ONE) * BYTE + HALF))
+
+
+@inlined
+def _pixel(red, green, blue):
+    """Channels 0 .. 1 as the four bytes RGBA of memory, lowest first."""
+    return _byte(red) | (_byte(green) << np.uint32(8)) | (_byte(blue) << np.uint32(16)) | OPAQUE
+
+
+@unaliased
+def _show_normals(n, normals, pixels):
+    for k in range(whole_lanes(n)):
+        x, y, z = _unit(normals, k)
+        pixels[k] = _pixel(HALF + HALF * x, HALF + HALF * y, HALF + HALF * z)
+
+
+@unaliased
+def _light_clay(n, light, normals, pixels):
+    """As `_light`, where all is of one colour."""
+    for k in range(whole_lanes(n)):
+        lit = _lit(normals, k, light)
+        red, green = _display(CLAY[0], AMBIENT[0], lit), _display(CLAY[1], AMBIENT[1], lit)
+        pixels[k] = _pixel(red, green, _display(CLAY[2], AMBIENT[2], lit))
+
+
+@unaliased
+def _light(n, light, values, normals, pixels):
+    for k in range(whole_lanes(n)):
+        lit = _lit(normals, k, light)
+        red, green = _display(values[RED + k], AMBIENT[0], lit), _display(values[GREEN + k], AMBIENT[1], lit)
+        pixels[k] = _pixel(red, green, _display(values[BLUE + k], AMBIENT[2], lit))
 
 
 @helper
-def _to_bytes(s, row, n):
-    """A row of 0 .. 1 as 0.5 .. 255.5: the integer part is the byte."""
-    for k in range(n):
-        s[row + k] = min(max(s[row + k], ZERO), ONE) * BYTE + HALF
+def shade_fragments(n, shading, light, values, normals, pixels):
+    """Shade n fragments, in whole lanes: pixels, uint32[FRAGMENTS], RGBA.
 
-
-@helper
-def _unit_normals(s, n):
-    for k in range(n):
-        x, y, z = s[NX + k], s[NY + k], s[NZ + k]
-        length = np.sqrt((x * x + y * y) + z * z)
-        scale = ONE / length if length > ZERO else ZERO
-        s[NX + k], s[NY + k], s[NZ + k] = x * scale, y * scale, z * scale
-
-
-@helper
-def _show_normals(s, n):
-    for k in range(n):
-        s[RED + k] = HALF + HALF * s[NX + k]
-        s[GREEN + k] = HALF + HALF * s[NY + k]
-        s[BLUE + k] = HALF + HALF * s[NZ + k]
-
-
-@helper
-def _light(light, s, n):
-    """Lambert, wrapped half way around and squared so that shadow sides keep their form; stored as the square root of
-    linear light (a gamma of 2, which needs no transcendental function)."""
-    lx, ly, lz = np.float32(light[0]), np.float32(light[1]), np.float32(light[2])
-    for k in range(n):
-        wrapped = HALF + HALF * ((s[NX + k] * lx + s[NY + k] * ly) + s[NZ + k] * lz)
-        lit = wrapped * wrapped
-        s[RED + k] = np.sqrt(s[RED + k] * (AMBIENT[0] + (ONE - AMBIENT[0]) * lit))
-        s[GREEN + k] = np.sqrt(s[GREEN + k] * (AMBIENT[1] + (ONE - AMBIENT[1]) * lit))
-        s[BLUE + k] = np.sqrt(s[BLUE + k] * (AMBIENT[2] + (ONE - AMBIENT[2]) * lit))
-
-
-@helper
-def shade_fragments(n, shading, light, s):
-    """Shade the n fragments of scratch s, in place.
-
-    In: rows NX, NY, NZ, the interpolated normal (any length, turned to the viewer; zero where there is none), and RED,
-    GREEN, BLUE, the surface's colour, 0 .. 1. Out: RED, GREEN, BLUE, 0.5 .. 255.5. light : unit vector to the light.
+    normals : as `interpolate` leaves them (any length; zero where there is none). values : rows RED, GREEN, BLUE are read
+    where `shading` is PATCH or WIREFRAME. light : unit vector to the light.
     """
-    _unit_normals(s, n)
+    towards = (np.float32(light[0]), np.float32(light[1]), np.float32(light[2]))
     if shading == NORMAL:
-        _show_normals(s, n)
+        _show_normals(n, normals, pixels)
+    elif shading in (PATCH, WIREFRAME):
+        _light(n, towards, values, normals, pixels)
     else:
-        _light(light, s, n)
-    _to_bytes(s, RED, n)
-    _to_bytes(s, GREEN, n)
-    _to_bytes(s, BLUE, n)
+        _light_clay(n, towards, normals, pixels)

@@ -1,6 +1,8 @@
 """Shading of a tile, after its triangles are rasterized: only what is seen is shaded, once for each pixel and triangle.
 
 The counters say what the modelled machine shades (it does not know what will be hidden); the colours are the same.
+
+The fragments of several rows of pixels are listed first; then each step of the pixel shader runs over the whole list.
 """
 
 import numpy as np
@@ -9,106 +11,137 @@ from pipeline import pixel
 from pipeline.jit import helper, inlined
 from pipeline.pixel import (
     BLUE,
-    E0,
-    E1,
-    E2,
+    CLAY,
+    FACING,
     FRAGMENTS,
     GREEN,
-    NAX,
-    NAY,
-    NAZ,
-    NBX,
-    NBY,
-    NBZ,
-    NCX,
-    NCY,
-    NCZ,
+    NORMALS,
+    NUMBERS,
+    ONE,
     PATCH,
+    PLACE,
     RED,
-    WA,
-    WB,
-    WC,
+    TRIANGLE,
+    VALUES,
     WIREFRAME,
+    A,
+    B,
+    C,
+    X,
+    Y,
     interpolate,
     line_darkening,
     patch_color,
     shade_fragments,
+    whole_lanes,
 )
 from pipeline.primitives import BACK_FACE
 
+STRETCH = FRAGMENTS // 2  # most samples that are listed at a time
+
 
 @inlined
-def _gather(y, x0, x1, triangles, window, normal, shading, target, s, edges):
-    """Put what the fragments of pixels x0..x1 of row y are interpolated from into scratch s; their number.
+def _shows(visible, begin, end):
+    """Whether a triangle is seen at any of these samples. A loop that vectorizes: most rows of a batch show nothing."""
+    most = np.int32(-1)
+    for k in range(begin, end):
+        most = max(most, visible[k])
+    return most >= 0
 
-    The normals of a back face are turned to the viewer. edges : the float64 view of s.
+
+@inlined
+def _append(t, place, x, y, vertex, flags, n, numbers, values):
+    """List pixel (x, y), number `place` of the picture, where triangle t is seen, as fragment n."""
+    k, corner = np.uint32(n), np.uint64(t) * np.uint64(3)  # unsigned: no index from the end
+    numbers[A + k] = vertex[corner]
+    numbers[B + k] = vertex[corner + np.uint64(1)]
+    numbers[C + k] = vertex[corner + np.uint64(2)]
+    numbers[X + k], numbers[Y + k] = x, y
+    numbers[TRIANGLE + k], numbers[PLACE + k] = t, place
+    values[FACING + k] = -ONE if flags[t] & BACK_FACE else ONE
+
+
+@inlined
+def _list(y, x0, x1, width, samples, visible, vertex, flags, n, numbers, values):
+    """List the fragments of pixels x0..x1 of row y behind the n that are listed; the number of all.
+
+    A pixel has one for each run of its samples that show the same triangle. visible, vertex : flat.
     """
-    visible, vertex, flags = target.visible, triangles.vertex, triangles.edges
-    xs, ys, ws = window.x, window.y, window.w
-    n = 0
-    last = np.int32(-1)
-    red, green, blue = pixel.CLAY
-    line = pixel.ONE
-    xa = ya = xb = yb = xc = yc = np.int64(0)
-    wa = wb = wc = nax = nay = naz = nbx = nby = nbz = ncx = ncy = ncz = pixel.ZERO
-    cy = (np.int64(y) << 8) + 128
+    row = y * width
+    if samples == 1:
+        for x in range(x0, x1 + 1):
+            t = visible[np.uint32(row + x)]
+            if t >= 0:
+                _append(t, row + x, x, y, vertex, flags, n, numbers, values)
+                n += 1
+        return n
     for x in range(x0, x1 + 1):
-        cx = (np.int64(x) << 8) + 128
         before = np.int32(-1)
-        for k in range(visible.shape[2]):
-            t = visible[y, x, k]
-            if t < 0 or t == before:
-                before = t
-                continue
+        for k in range(samples):
+            t = visible[(row + x) * samples + k]
+            if t >= 0 and t != before:
+                _append(t, row + x, x, y, vertex, flags, n, numbers, values)
+                n += 1
             before = t
-            if t != last:
-                last = t
-                a, b, c = (
-                    np.uint32(vertex[t, 0]),
-                    np.uint32(vertex[t, 1]),
-                    np.uint32(vertex[t, 2]),
-                )  # no index from the end
-                xa, ya, wa = np.int64(xs[a]), np.int64(ys[a]), ws[a]
-                xb, yb, wb = np.int64(xs[b]), np.int64(ys[b]), ws[b]
-                xc, yc, wc = np.int64(xs[c]), np.int64(ys[c]), ws[c]
-                sign = -pixel.ONE if flags[t] & BACK_FACE else pixel.ONE
-                nax, nay, naz = sign * normal[0, a], sign * normal[1, a], sign * normal[2, a]
-                nbx, nby, nbz = sign * normal[0, b], sign * normal[1, b], sign * normal[2, b]
-                ncx, ncy, ncz = sign * normal[0, c], sign * normal[1, c], sign * normal[2, c]
-                if shading == PATCH:
-                    red, green, blue = patch_color(triangles.patch[t])
-            e0 = (xc - xb) * (cy - yb) - (yc - yb) * (cx - xb)
-            e1 = (xa - xc) * (cy - yc) - (ya - yc) * (cx - xc)
-            e2 = (xb - xa) * (cy - ya) - (yb - ya) * (cx - xa)
-            edges[E0 + n], edges[E1 + n], edges[E2 + n] = e0, e1, e2
-            s[WA + n], s[WB + n], s[WC + n] = wa, wb, wc
-            s[NAX + n], s[NAY + n], s[NAZ + n] = nax, nay, naz
-            s[NBX + n], s[NBY + n], s[NBZ + n] = nbx, nby, nbz
-            s[NCX + n], s[NCY + n], s[NCZ + n] = ncx, ncy, ncz
-            if shading == WIREFRAME:
-                sides = (xc - xb, yc - yb), (xa - xc, ya - yc), (xb - xa, yb - ya)
-                line = line_darkening(sides, e0, e1, e2, flags[t])
-            s[RED + n], s[GREEN + n], s[BLUE + n] = red * line, green * line, blue * line
-            n += 1
     return n
 
 
-@inlined
-def _scatter(y, x0, x1, target, s):
-    """Store the colours of these pixels' fragments in the samples that show them, in the order of `_gather`."""
-    visible, color = target.visible, target.color
-    n = -1
-    for x in range(x0, x1 + 1):
-        before = np.int32(-1)
-        for k in range(visible.shape[2]):
-            t = visible[y, x, k]
-            if t >= 0:
-                if t != before:
-                    n += 1
-                color[y, x, k, 0] = np.uint8(s[RED + n])
-                color[y, x, k, 1] = np.uint8(s[GREEN + n])
-                color[y, x, k, 2] = np.uint8(s[BLUE + n])
-            before = t
+@helper
+def _pad(n, numbers, values):
+    """Fill whole lanes with copies of the last fragment, whose vertices are there to be read."""
+    for k in range(n, whole_lanes(n)):
+        for row in (A, B, C, X, Y):
+            numbers[row + k] = numbers[row + n - 1]
+        values[FACING + k] = values[FACING + n - 1]
+        values[RED + k], values[GREEN + k], values[BLUE + k] = ONE, ONE, ONE
+
+
+@helper
+def _tint(n, shading, triangles, window, numbers, values):
+    """The surface's colour at n fragments, where not all are of one: rows RED, GREEN, BLUE."""
+    for k in range(n):
+        t = numbers[TRIANGLE + k]
+        red, green, blue = CLAY
+        if shading == PATCH:
+            red, green, blue = patch_color(triangles.patch[t])
+        line = ONE
+        if shading == WIREFRAME:
+            a, b, c = numbers[A + k], numbers[B + k], numbers[C + k]
+            xa, ya = np.int64(window.x[a]), np.int64(window.y[a])
+            xb, yb = np.int64(window.x[b]), np.int64(window.y[b])
+            xc, yc = np.int64(window.x[c]), np.int64(window.y[c])
+            x, y = (np.int64(numbers[X + k]) << 8) + 128, (np.int64(numbers[Y + k]) << 8) + 128
+            e0 = (xc - xb) * (y - yb) - (yc - yb) * (x - xb)
+            e1 = (xa - xc) * (y - yc) - (ya - yc) * (x - xc)
+            e2 = (xb - xa) * (y - ya) - (yb - ya) * (x - xa)
+            sides = (xc - xb, yc - yb), (xa - xc, ya - yc), (xb - xa, yb - ya)
+            line = line_darkening(sides, e0, e1, e2, triangles.edges[t])
+        values[RED + k], values[GREEN + k], values[BLUE + k] = red * line, green * line, blue * line
+
+
+@helper
+def _store(n, samples, visible, numbers, pixels, color):
+    """Store the colours of n fragments in the samples that show them. color : uint32, flat."""
+    if samples == 1:
+        for k in range(n):
+            color[np.uint32(numbers[PLACE + k])] = pixels[k]
+        return
+    for k in range(n):
+        first = np.int64(numbers[PLACE + k]) * samples
+        for s in range(first, first + samples):
+            if visible[s] == numbers[TRIANGLE + k]:
+                color[s] = pixels[k]
+
+
+@helper
+def _shade(n, triangles, window, normal, shading, light, samples, visible, color, numbers, values, normals, pixels):
+    """Shade the n fragments that are listed."""
+    if shading in (PATCH, WIREFRAME):
+        _tint(n, shading, triangles, window, numbers, values)
+    _pad(n, numbers, values)
+    interpolate(n, numbers, values, window.x, window.y, window.w, normal[0], normal[1], normal[2], normals)
+    shade_fragments(n, shading, light, values, normals, pixels)
+    _store(n, samples, visible, numbers, pixels, color)
 
 
 @helper
@@ -118,13 +151,24 @@ def shade_tile(rect, triangles, window, normal, shading, light, target, scratch)
     normal : float32[3, V] of the window's vertices. shading : pixel.Shade. light : unit vector to the light, world
     space. scratch : float32[pixel.SCRATCH]. `target.color` is modified in place.
     """
-    edges = scratch.view(np.float64)
-    run = FRAGMENTS // target.visible.shape[2]  # pixels
+    width, samples = target.visible.shape[1:]
+    visible, color = target.visible.ravel(), target.color.view(np.uint32).ravel()
+    vertex, flags = triangles.vertex.ravel(), triangles.edges
+    numbers, values = scratch[:NUMBERS].view(np.int32), scratch[NUMBERS : NUMBERS + VALUES]
+    normals = scratch[NUMBERS + VALUES : NUMBERS + VALUES + NORMALS]
+    pixels = scratch[NUMBERS + VALUES + NORMALS : pixel.SCRATCH].view(np.uint32)
+    stretch = STRETCH // samples  # pixels
+    n = 0
     for y in range(rect[1], rect[3] + 1):
-        for x0 in range(rect[0], rect[2] + 1, run):
-            x1 = min(x0 + run - 1, rect[2])
-            n = _gather(y, x0, x1, triangles, window, normal, shading, target, scratch, edges)
-            if n > 0:
-                interpolate(n, scratch, edges)
-                shade_fragments(n, shading, light, scratch)
-                _scatter(y, x0, x1, target, scratch)
+        if not _shows(visible, (y * width + rect[0]) * samples, (y * width + rect[2] + 1) * samples):
+            continue
+        for x0 in range(rect[0], rect[2] + 1, stretch):
+            x1 = min(x0 + stretch - 1, rect[2])
+            if n + (x1 - x0 + 1) * samples > FRAGMENTS:
+                _shade(
+                    n, triangles, window, normal, shading, light, samples, visible, color, numbers, values, normals, pixels
+                )  # fmt: skip
+                n = 0
+            n = _list(y, x0, x1, width, samples, visible, vertex, flags, n, numbers, values)
+    if n > 0:
+        _shade(n, triangles, window, normal, shading, light, samples, visible, color, numbers, values, normals, pixels)
