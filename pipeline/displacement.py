@@ -16,7 +16,7 @@ from pipeline.types import F32, F64, Address, DisplacementMaps
 ONE = np.float32(1.0)
 HALF = np.float32(0.5)
 FAR_TEXEL = np.float32(2.0**30)  # beyond it a texel number is no longer meaningful: texel 0 then
-WRAP, MIRROR = int(Address.WRAP), int(Address.MIRROR)
+WRAP, MIRROR, CLAMP = int(Address.WRAP), int(Address.MIRROR), int(Address.CLAMP)
 
 
 def pack_maps(maps: Sequence[tuple[F32, Address, float, float]]) -> DisplacementMaps:
@@ -130,26 +130,7 @@ def _vector_lengths(maps, ranges):
 
 
 @helper
-def texel_coordinates(texcoords, maps, m, u, v, x, y):
-    """Fill x, y with unnormalized texel coordinates (texel centres at whole numbers) at the points (u, v); rows of n.
-
-    The texture coordinate is bilinear in (u, v), exact at the corners and symmetric under reversal of an edge.
-    """
-    width, height = np.float32(maps.size[m, 0]), np.float32(maps.size[m, 1])
-    s00, s10, s01, s11 = texcoords[0, 0], texcoords[1, 0], texcoords[2, 0], texcoords[3, 0]
-    t00, t10, t01, t11 = texcoords[0, 1], texcoords[1, 1], texcoords[2, 1], texcoords[3, 1]
-    for k in range(len(u)):
-        u1, v1 = u[k], v[k]
-        u0, v0 = ONE - u1, ONE - v1
-        x[k] = (v0 * (u0 * s00 + u1 * s10) + v1 * (u0 * s01 + u1 * s11)) * width - HALF
-    for k in range(len(u)):
-        u1, v1 = u[k], v[k]
-        u0, v0 = ONE - u1, ONE - v1
-        y[k] = (v0 * (u0 * t00 + u1 * t10) + v1 * (u0 * t01 + u1 * t11)) * height - HALF
-
-
-@helper
-def _texel(i, n, mode):
+def texel(i, n, mode):
     """Texel number that address `mode` reads for i on an axis of n texels."""
     if mode == WRAP:
         return i % n
@@ -159,9 +140,12 @@ def _texel(i, n, mode):
     return min(max(i, 0), n - 1)
 
 
-@inlined  # or several callers would keep LLVM from it, and a lookup is a tenth of the shader
+@inlined
 def fetch(maps, m, x, y):
-    """Bilinear value of map m at texel coordinates (x, y), before scale and bias, and its derivatives along x and y."""
+    """Bilinear value of map m at texel coordinates (x, y), before scale and bias, and its derivatives along x and y.
+
+    Of one point; `domain_lookup` does the same for a block of them.
+    """
     if not (abs(x) < FAR_TEXEL and abs(y) < FAR_TEXEL):  # also where a coordinate is NaN
         x, y = np.float32(0.0), np.float32(0.0)
     fx, fy = np.floor(x), np.floor(y)
@@ -172,8 +156,8 @@ def fetch(maps, m, x, y):
     width, height = np.int64(maps.size[m, 0]), np.int64(maps.size[m, 1])
     if i0 < 0 or i1 >= width or j0 < 0 or j1 >= height:
         mode = maps.address[m]
-        i0, i1 = _texel(i0, width, mode), _texel(i1, width, mode)
-        j0, j1 = _texel(j0, height, mode), _texel(j1, height, mode)
+        i0, i1 = texel(i0, width, mode), texel(i1, width, mode)
+        j0, j1 = texel(j0, height, mode), texel(j1, height, mode)
     row0 = maps.first[m] + j0 * width
     row1 = maps.first[m] + j1 * width
     t00, t10 = maps.texels[row0 + i0], maps.texels[row0 + i1]
@@ -181,24 +165,3 @@ def fetch(maps, m, x, y):
     upper = x0 * t00 + x1 * t10
     lower = x0 * t01 + x1 * t11
     return y0 * upper + y1 * lower, y0 * (t10 - t00) + y1 * (t11 - t01), lower - upper
-
-
-@helper
-def gradient(texcoords, width, height, scale, u, v, gx, gy, gu, gv):
-    """Rows gu, gv: derivatives of the displacement along u and v, from those along the texels, gx and gy.
-
-    width, height : the map's size in texels, float32; scale : its scale.
-    """
-    s00, s10, s01, s11 = texcoords[0, 0], texcoords[1, 0], texcoords[2, 0], texcoords[3, 0]
-    t00, t10, t01, t11 = texcoords[0, 1], texcoords[1, 1], texcoords[2, 1], texcoords[3, 1]
-    to_x, to_y = scale * width, scale * height
-    for k in range(len(u)):
-        v1 = v[k]
-        v0 = ONE - v1
-        s_u, t_u = v0 * (s10 - s00) + v1 * (s11 - s01), v0 * (t10 - t00) + v1 * (t11 - t01)
-        gu[k] = to_x * (gx[k] * s_u) + to_y * (gy[k] * t_u)
-    for k in range(len(u)):
-        u1 = u[k]
-        u0 = ONE - u1
-        s_v, t_v = u0 * (s01 - s00) + u1 * (s11 - s10), u0 * (t01 - t00) + u1 * (t11 - t10)
-        gv[k] = to_x * (gx[k] * s_v) + to_y * (gy[k] * t_v)

@@ -21,105 +21,58 @@ roundings, and the slow twin repeats it):
   p_u x p_v + t_v (p_u x n) + t_u (n x p_v), made unit; n itself where there is no map. Displaced by vectors: d_u x d_v, d_u =
   p_u + the derivative of the vector, a component after the other.
 
-Points are shaded in blocks of up to ROW, in passes over rows of one scratch array. All rows lie in one array at constant
-distances, so LLVM sees without run-time checks that no store meets a later load, and vectorizes every pass but the
-texture fetch.
+Points are shaded in blocks, in passes over rows of one scratch array (domain_rows.py): the surface (domain_surfaces.py), its
+normals where float32 does not tell them (domain_mending.py), the map (domain_lookup.py), and here the rest.
 """
-
-import math
 
 import numpy as np
 
-from pipeline.bezier import (
-    cubic,
-    differences_u,
-    differences_v,
-    eval_34,
-    eval_43,
-    eval_44,
-    net,
-    net_34,
-    net_43,
-    quadratic,
+from pipeline.domain_lookup import locate, look_up
+from pipeline.domain_mending import mend_bezier_normals, mend_normals
+from pipeline.domain_rows import (
+    AX,
+    AY,
+    AZ,
+    BLOCK,
+    BX,
+    BY,
+    BZ,
+    CW,
+    CX,
+    CY,
+    CZ,
+    DX,
+    DY,
+    DZ,
+    GU,
+    GV,
+    HUGE,
+    LANES,
+    NX,
+    NY,
+    NZ,
+    ONE,
+    PX,
+    PY,
+    PZ,
+    ROW,
+    SCRATCH,
+    TINY,
+    ZERO,
+    S,
+    T,
+    U,
+    V,
+    filled,
 )
-from pipeline.displacement import fetch, gradient, texel_coordinates
+from pipeline.domain_surfaces import acc_passes, bezier_passes, find_grid, gregory_passes
 from pipeline.edge_normals import SPACE, write_edge_normals
-from pipeline.gregory import gregory_u, gregory_v, gregory_value, inner_net, inverse_weights
 from pipeline.jit import helper, inlined, kernel
 from pipeline.seams import write_seam_values
 
-ROW = 256  # points in a block: all rows together stay in the first-level cache
+__all__ = ["BLOCK", "SCRATCH", "shade_patches"]
 
-U, V, PX, PY, PZ, AX, AY, AZ, BX, BY, BZ, T, S, NX, NY, NZ, CX, CY, CZ, CW, GX, GY, GV = (k * ROW for k in range(23))
-SCRATCH = 23 * ROW  # float32 entries that the caller provides
-
-ONE = np.float32(1.0)
 THREE = np.float32(3.0)
-TINY = np.float32(2.0**-100)  # squared length of du x dv below which float32 may have lost it to underflow
-HUGE = np.float32(2.0**100)
-NUDGE = 2.0**-9
-
-
-@inlined
-def _polynomial_pass(p, u, v, value, du, dv):
-    """One coordinate of a polynomial patch, its net p, at the points (u, v): value and both differences; rows of n."""
-    _net_pass(p, differences_u(p), differences_v(p), u, v, value, du, dv)
-
-
-@inlined
-def _net_pass(p, steps_u, steps_v, u, v, value, du, dv):
-    """One coordinate: value of the 4 x 4 net p, and of the nets of tangents, 3 x 4 along u and 4 x 3 along v."""
-    for k in range(len(u)):
-        value[k] = eval_44(p, cubic(u[k], ONE), cubic(v[k], ONE))
-    for k in range(len(u)):
-        du[k] = eval_34(steps_u, quadratic(u[k], ONE), cubic(v[k], ONE))
-    for k in range(len(u)):
-        dv[k] = eval_43(steps_v, cubic(u[k], ONE), quadratic(v[k], ONE))
-
-
-@helper
-def _rational_u(p, w, value, qu, bv):
-    """One coordinate of a rational patch's tangent along u, times w / 3; p, w: its net and the weights', value: the point."""
-    return eval_34(differences_u(p), qu, bv) - eval_34(differences_u(w), qu, bv) * value
-
-
-@helper
-def _rational_v(p, w, value, bu, qv):
-    """As `_rational_u`, along v."""
-    return eval_43(differences_v(p), bu, qv) - eval_43(differences_v(w), bu, qv) * value
-
-
-@inlined
-def _rational_pass(p, w, u, v, value, du, dv):
-    """As `_polynomial_pass` for a rational patch; w: the net of its weights."""
-    for k in range(len(u)):
-        bu, bv = cubic(u[k], ONE), cubic(v[k], ONE)
-        value[k] = eval_44(p, bu, bv) / eval_44(w, bu, bv)
-    for k in range(len(u)):
-        bu, bv = cubic(u[k], ONE), cubic(v[k], ONE)
-        du[k] = _rational_u(p, w, value[k], quadratic(u[k], ONE), bv) / eval_44(w, bu, bv)
-    for k in range(len(u)):
-        bu, bv = cubic(u[k], ONE), cubic(v[k], ONE)
-        dv[k] = _rational_v(p, w, value[k], bu, quadratic(v[k], ONE)) / eval_44(w, bu, bv)
-
-
-@helper
-def _weights_pass(u, v, d0, d1, d2, d3):
-    """`inverse_weights` of a Gregory patch, the same for its three coordinates."""
-    for k in range(len(u)):
-        d0[k], d1[k], d2[k], d3[k] = inverse_weights(u[k], v[k], ONE)
-
-
-@inlined
-def _gregory_pass(p, f, d, u, v, value, du, dv):
-    """As `_polynomial_pass` for a Gregory patch; f: the pairs of its inner points, d: rows of `_weights_pass`."""
-    d0, d1, d2, d3 = d
-    for k in range(len(u)):
-        value[k] = gregory_value(p, f, (d0[k], d1[k], d2[k], d3[k]), u[k], v[k], ONE)
-    for k in range(len(u)):
-        du[k] = gregory_u(p, f, (d0[k], d1[k], d2[k], d3[k]), u[k], v[k], ONE)
-    for k in range(len(u)):
-        dv[k] = gregory_v(p, f, (d0[k], d1[k], d2[k], d3[k]), u[k], v[k], ONE)
 
 
 @helper
@@ -127,187 +80,98 @@ def _row(s, first, n):
     return s[first : first + n]
 
 
+@inlined
+def _to_clip(matrix, s, k, x, y, z):
+    """Rows C of point k: the clip position of (x, y, z)."""
+    m0, m1, m2, m3 = matrix
+    s[CX + k] = ((m0[0] * x + m0[1] * y) + m0[2] * z) + m0[3]
+    s[CY + k] = ((m1[0] * x + m1[1] * y) + m1[2] * z) + m1[3]
+    s[CZ + k] = ((m2[0] * x + m2[1] * y) + m2[2] * z) + m2[3]
+    s[CW + k] = ((m3[0] * x + m3[1] * y) + m3[2] * z) + m3[3]
+
+
+@inlined
+def _matrix_rows(m):
+    return (
+        (m[0, 0], m[0, 1], m[0, 2], m[0, 3]), (m[1, 0], m[1, 1], m[1, 2], m[1, 3]),
+        (m[2, 0], m[2, 1], m[2, 2], m[2, 3]), (m[3, 0], m[3, 1], m[3, 2], m[3, 3]),
+    )  # fmt: skip
+
+
+@inlined
+def _put_displaced(scale, matrix, s, k):
+    """Point k, displaced by row T along its normal: rows C, its clip position; rows A, unit normal of the displaced surface.
+
+    Derivatives are `scale` times A and B.
+    """
+    ax, ay, az = s[AX + k], s[AY + k], s[AZ + k]
+    bx, by, bz = s[BX + k], s[BY + k], s[BZ + k]
+    nx, ny, nz = s[NX + k], s[NY + k], s[NZ + k]
+    t, along_u, along_v = s[T + k], s[GU + k], s[GV + k]
+    _to_clip(matrix, s, k, s[PX + k] + t * nx, s[PY + k] + t * ny, s[PZ + k] + t * nz)
+    cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    x = scale * cx + (along_v * (ay * nz - az * ny) + along_u * (ny * bz - nz * by))
+    y = scale * cy + (along_v * (az * nx - ax * nz) + along_u * (nz * bx - nx * bz))
+    z = scale * cz + (along_v * (ax * ny - ay * nx) + along_u * (nx * by - ny * bx))
+    square = (x * x + y * y) + z * z
+    safe = ((cx * cx + cy * cy) + cz * cz > TINY) & (square > TINY) & (square < HUGE)
+    length = np.sqrt(square)
+    x, y, z = x / length, y / length, z / length
+    s[AX + k], s[AY + k], s[AZ + k] = x if safe else nx, y if safe else ny, z if safe else nz
+
+
 @helper
-def _normal_pass(s, n):
-    """Rows N = unit of A x B; row S = 1 where the squared length was safe, 0 where `_mend_normals` must look again."""
+def _displace_pass(scale, matrix, s, n):
+    """Rows C and A of points displaced along their normals."""
+    rows = _matrix_rows(matrix)
     for k in range(n):
-        ax, ay, az = s[AX + k], s[AY + k], s[AZ + k]
-        bx, by, bz = s[BX + k], s[BY + k], s[BZ + k]
-        x = ay * bz - az * by
-        y = az * bx - ax * bz
-        z = ax * by - ay * bx
-        square = (x * x + y * y) + z * z
-        length = np.sqrt(square)
-        s[NX + k] = x / length
-        s[NY + k] = y / length
-        s[NZ + k] = z / length
-        s[S + k] = ONE if (square > TINY and square < HUGE) else np.float32(0.0)
+        _put_displaced(scale, rows, s, k)
 
 
 @helper
-def _scaled_unit(x, y, z):
-    """Unit vector in float64 however small or large the input; zero for the zero vector and for non-finite ones."""
-    m = max(abs(x), abs(y), abs(z))
-    if not (m > 0.0 and m < np.inf):
-        return 0.0, 0.0, 0.0
-    x, y, z = x / m, y / m, z / m
-    length = math.sqrt((x * x + y * y) + z * z)
-    return x / length, y / length, z / length
-
-
-@helper
-def _derivatives_at(cp, rational, u, v):
-    """Directions of both derivatives in float64 arithmetic on the float32 control points of a Bezier patch."""
-    bu, bv = cubic(u, 1.0), cubic(v, 1.0)
-    qu, qv = quadratic(u, 1.0), quadratic(v, 1.0)
-    x, y, z, w = net(cp, 0), net(cp, 1), net(cp, 2), net(cp, 3)
-    if rational:
-        weight = eval_44(w, bu, bv)
-        px, py, pz = eval_44(x, bu, bv) / weight, eval_44(y, bu, bv) / weight, eval_44(z, bu, bv) / weight
-        ax, bx = _rational_u(x, w, px, qu, bv), _rational_v(x, w, px, bu, qv)
-        ay, by = _rational_u(y, w, py, qu, bv), _rational_v(y, w, py, bu, qv)
-        az, bz = _rational_u(z, w, pz, qu, bv), _rational_v(z, w, pz, bu, qv)
-    else:
-        ax, bx = eval_34(differences_u(x), qu, bv), eval_43(differences_v(x), bu, qv)
-        ay, by = eval_34(differences_u(y), qu, bv), eval_43(differences_v(y), bu, qv)
-        az, bz = eval_34(differences_u(z), qu, bv), eval_43(differences_v(z), bu, qv)
-    return (ax, ay, az), (bx, by, bz)
-
-
-@helper
-def _tangents_at(tu, tv, u, v):
-    """As `_derivatives_at`, of an ACC patch's tangent patches."""
-    bu, bv, qu, qv = cubic(u, 1.0), cubic(v, 1.0), quadratic(u, 1.0), quadratic(v, 1.0)
-    a = eval_34(net_34(tu, 0), qu, bv), eval_34(net_34(tu, 1), qu, bv), eval_34(net_34(tu, 2), qu, bv)
-    b = eval_43(net_43(tv, 0), bu, qv), eval_43(net_43(tv, 1), bu, qv), eval_43(net_43(tv, 2), bu, qv)
-    return a, b
-
-
-@helper
-def _gregory_at(cp, f, u, v):
-    """As `_derivatives_at`, of a Gregory patch."""
-    x, y, z, fx, fy, fz = net(cp, 0), net(cp, 1), net(cp, 2), inner_net(f, 0), inner_net(f, 1), inner_net(f, 2)
-    d = inverse_weights(u, v, 1.0)
-    a = gregory_u(x, fx, d, u, v, 1.0), gregory_u(y, fy, d, u, v, 1.0), gregory_u(z, fz, d, u, v, 1.0)
-    b = gregory_v(x, fx, d, u, v, 1.0), gregory_v(y, fy, d, u, v, 1.0), gregory_v(z, fz, d, u, v, 1.0)
-    return a, b
-
-
-@helper
-def _unit_cross(a, b):
-    """Unit vector of a x b in float64."""
-    ax, ay, az = _scaled_unit(a[0], a[1], a[2])
-    bx, by, bz = _scaled_unit(b[0], b[1], b[2])
-    return _scaled_unit(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
-
-
-@helper
-def _normal_at(shape, u, v):
-    """Unit normal of a patch in float64 arithmetic on its float32 control points; `shape` as in `_shade_surface`."""
-    cp, rational, tu, tv, inner = shape
-    if len(tu) > 0:
-        a, b = _tangents_at(tu[0], tv[0], u, v)
-    elif len(inner) > 0:
-        a, b = _gregory_at(cp, inner[0], u, v)
-    else:
-        a, b = _derivatives_at(cp, rational, u, v)
-    return _unit_cross(a, b)
-
-
-@helper
-def _mend_bezier_normals(cp, rational, s, n):
-    """Normals where du x dv vanishes, or is too small or too large for float32."""
+def _clip_pass(matrix, s, n):
+    """Rows C of points that stay where they are: adding 0 n would turn NaN normals into cracks."""
+    rows = _matrix_rows(matrix)
     for k in range(n):
-        if s[S + k] == np.float32(0.0):
-            u, v = np.float64(s[U + k]), np.float64(s[V + k])
-            a, b = _derivatives_at(cp, rational, u, v)
-            x, y, z = _unit_cross(a, b)
-            if x == 0.0 and y == 0.0 and z == 0.0:
-                a, b = _derivatives_at(cp, rational, u + (0.5 - u) * NUDGE, v + (0.5 - v) * NUDGE)
-                x, y, z = _unit_cross(a, b)
-            s[NX + k], s[NY + k], s[NZ + k] = np.float32(x), np.float32(y), np.float32(z)
+        _to_clip(rows, s, k, s[PX + k], s[PY + k], s[PZ + k])
 
 
 @helper
-def _mend_normals(shape, s, n):
-    """As `_mend_bezier_normals`, of any patch."""
+def _some_unsafe(s, n):
+    """Whether some S is 0."""
+    count = 0
     for k in range(n):
-        if s[S + k] == np.float32(0.0):
-            u, v = np.float64(s[U + k]), np.float64(s[V + k])
-            x, y, z = _normal_at(shape, u, v)
-            if x == 0.0 and y == 0.0 and z == 0.0:
-                x, y, z = _normal_at(shape, u + (0.5 - u) * NUDGE, v + (0.5 - v) * NUDGE)
-            s[NX + k], s[NY + k], s[NZ + k] = np.float32(x), np.float32(y), np.float32(z)
+        count += s[S + k] == ZERO
+    return count > 0
 
 
 @helper
-def _displacement_pass(texcoords, maps, m, s, n):
-    """Row T: the filtered displacement of map m; rows S and CX: its derivatives along u and v."""
-    u, v, t = _row(s, U, n), _row(s, V, n), _row(s, T, n)
-    x, y, gx, gy = _row(s, S, n), _row(s, CX, n), _row(s, GX, n), _row(s, GY, n)
-    texel_coordinates(texcoords, maps, m, u, v, x, y)
-    for k in range(n):
-        t[k], gx[k], gy[k] = fetch(maps, m, x[k], y[k])
-    scale, bias = maps.scale[m], maps.bias[m]
-    for k in range(n):
-        t[k] = scale * t[k] + bias
-    gradient(texcoords, np.float32(maps.size[m, 0]), np.float32(maps.size[m, 1]), scale, u, v, gx, gy, x, y)
-
-
-@helper
-def _bump_pass(scale, s, n):
-    """Rows A: unit normal of the displaced surface, from N, S, CX and tangents A, B; derivatives are `scale` times these."""
-    for k in range(n):
-        ax, ay, az = s[AX + k], s[AY + k], s[AZ + k]
-        bx, by, bz = s[BX + k], s[BY + k], s[BZ + k]
-        nx, ny, nz = s[NX + k], s[NY + k], s[NZ + k]
-        along_u, along_v = s[S + k], s[CX + k]
-        cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        x = scale * cx + (along_v * (ay * nz - az * ny) + along_u * (ny * bz - nz * by))
-        y = scale * cy + (along_v * (az * nx - ax * nz) + along_u * (nz * bx - nx * bz))
-        z = scale * cz + (along_v * (ax * ny - ay * nx) + along_u * (nx * by - ny * bx))
-        square = (x * x + y * y) + z * z
-        safe = (cx * cx + cy * cy) + cz * cz > TINY and square > TINY and square < HUGE
-        length = np.sqrt(square)
-        s[AX + k] = x / length if safe else nx
-        s[AY + k] = y / length if safe else ny
-        s[AZ + k] = z / length if safe else nz
-
-
-@helper
-def _vector_pass(factor, texcoords, seams, maps, m, s, n):
+def _vector_pass(factor, texcoords, seams, maps, m, s, n, count):
     """Rows P: displaced by the vectors of map m; rows A: unit normal of that surface. Derivatives are `factor` A and B.
 
-    seams : of one or no seam_edges and seam_corners.
+    seams : of one or no seam_edges and seam_corners. count : points that are not there to fill up a vector.
     """
-    u, v, x, y = _row(s, U, n), _row(s, V, n), _row(s, S, n), _row(s, T, n)
-    gx, gy, gu, gv = _row(s, GX, n), _row(s, GY, n), _row(s, CW, n), _row(s, GV, n)
     turn, planes = maps.turn[m], maps.planes[m]
-    width, height = np.float32(maps.size[planes[0], 0]), np.float32(maps.size[planes[0], 1])
-    texel_coordinates(texcoords, maps, planes[0], u, v, x, y)
+    locate(texcoords, maps, planes[0], s, n)
     for r in range(6):
-        a = _row(s, AX + r * ROW, n)
         for k in range(n):
-            a[k] = factor * a[k]
+            s[AX + r * ROW + k] = factor * s[AX + r * ROW + k]
     for c in range(3):
-        plane, value = planes[c], _row(s, CX + c * ROW, n)
-        scale, bias = maps.scale[plane], maps.bias[plane]
-        for k in range(n):
-            value[k], gx[k], gy[k] = fetch(maps, plane, x[k], y[k])
-        for k in range(n):
-            value[k] = scale * value[k] + bias
+        value = DX + c * ROW
+        look_up(texcoords, maps, planes[c], value, s, n)
         if len(seams[0]) > 0:
-            write_seam_values(seams[0][0], seams[1][0], maps, plane, u, v, value)
-        gradient(texcoords, width, height, scale, u, v, gx, gy, gu, gv)
+            write_seam_values(
+                seams[0][0], seams[1][0], maps, planes[c], _row(s, U, count), _row(s, V, count), _row(s, value, count)
+            )  # fmt: skip
         for r in range(3):
             along = turn[r, c]
             for k in range(n):
-                s[AX + r * ROW + k] += along * s[CW + k]
+                s[AX + r * ROW + k] += along * s[GU + k]
                 s[BX + r * ROW + k] += along * s[GV + k]
     for r in range(3):
         t0, t1, t2 = turn[r, 0], turn[r, 1], turn[r, 2]
         for k in range(n):
-            s[PX + r * ROW + k] += (t0 * s[CX + k] + t1 * s[CY + k]) + t2 * s[CZ + k]
+            s[PX + r * ROW + k] += (t0 * s[DX + k] + t1 * s[DY + k]) + t2 * s[DZ + k]
     for k in range(n):
         ax, ay, az = s[AX + k], s[AY + k], s[AZ + k]
         bx, by, bz = s[BX + k], s[BY + k], s[BZ + k]
@@ -321,94 +185,58 @@ def _vector_pass(factor, texcoords, seams, maps, m, s, n):
 
 
 @helper
-def _transform_pass(matrix, displaced, s, n):
-    """Rows C: clip position of p + t n (of p where the patch has no map: adding 0 n would turn NaN normals into cracks)."""
-    if displaced:
-        for k in range(n):
-            s[PX + k] = s[PX + k] + s[T + k] * s[NX + k]
-            s[PY + k] = s[PY + k] + s[T + k] * s[NY + k]
-            s[PZ + k] = s[PZ + k] + s[T + k] * s[NZ + k]
-    for r in range(4):
-        m0, m1, m2, m3 = matrix[r, 0], matrix[r, 1], matrix[r, 2], matrix[r, 3]
-        for k in range(n):
-            s[CX + r * ROW + k] = ((m0 * s[PX + k] + m1 * s[PY + k]) + m2 * s[PZ + k]) + m3
+def _shade_bezier(cp, rational, texcoords, map_id, maps, matrix, grid, first, s, count):
+    """Shade the points in rows U and V of scratch s, of a Bezier patch: `count` of them, and what fills up the last vector.
 
-
-@inlined
-def _bezier_passes(cp, rational, s, n):
-    """Rows P, A and B: point and thirds of the derivatives of a Bezier patch at the n points in rows U and V."""
-    u, v = _row(s, U, n), _row(s, V, n)
-    for c in range(3):
-        value, du, dv = _row(s, PX + c * ROW, n), _row(s, AX + c * ROW, n), _row(s, BX + c * ROW, n)
-        if rational:
-            _rational_pass(net(cp, c), net(cp, 3), u, v, value, du, dv)
-        else:
-            _polynomial_pass(net(cp, c), u, v, value, du, dv)
-
-
-@inlined
-def _acc_passes(cp, tu, tv, s, n):
-    """As `_bezier_passes` for an ACC patch; its tangents whole."""
-    u, v = _row(s, U, n), _row(s, V, n)
-    for c in range(3):
-        value, du, dv = _row(s, PX + c * ROW, n), _row(s, AX + c * ROW, n), _row(s, BX + c * ROW, n)
-        _net_pass(net(cp, c), net_34(tu, c), net_43(tv, c), u, v, value, du, dv)
-
-
-@inlined
-def _gregory_passes(cp, inner, s, n):
-    """As `_bezier_passes` for a Gregory patch."""
-    u, v = _row(s, U, n), _row(s, V, n)
-    d0, d1, d2, d3 = _row(s, CX, n), _row(s, CY, n), _row(s, CZ, n), _row(s, CW, n)
-    _weights_pass(u, v, d0, d1, d2, d3)
-    for c in range(3):
-        value, du, dv = _row(s, PX + c * ROW, n), _row(s, AX + c * ROW, n), _row(s, BX + c * ROW, n)
-        _gregory_pass(net(cp, c), inner_net(inner, c), (d0, d1, d2, d3), u, v, value, du, dv)
-
-
-@helper
-def _shade_bezier(cp, rational, texcoords, map_id, maps, matrix, s, n):
-    """Shade the n points of a Bezier patch in rows U and V of scratch s."""
-    _bezier_passes(cp, rational, s, n)
-    _normal_pass(s, n)
-    _mend_bezier_normals(cp, rational, s, n)
+    grid, first : as in `domain_surfaces.bezier_passes`.
+    """
+    n = filled(count)
+    bezier_passes(cp, rational, grid, first, s, n)
+    if _some_unsafe(s, n):
+        mend_bezier_normals(cp, rational, s, n)
     if map_id >= 0:
-        _displacement_pass(texcoords, maps, map_id, s, n)
-        _bump_pass(THREE, s, n)
-    _transform_pass(matrix, map_id >= 0, s, n)
+        locate(texcoords, maps, map_id, s, n)
+        look_up(texcoords, maps, map_id, T, s, n)
+        _displace_pass(THREE, matrix, s, n)
+    else:
+        _clip_pass(matrix, s, n)
 
 
 @helper
-def _shade_surface(shape, edges, texcoords, map_id, maps, matrix, s, n):
+def _shade_surface(shape, edges, texcoords, map_id, maps, matrix, grid, first, s, count):
     """As `_shade_bezier`, for any patch.
 
     shape : control points, rational, and arrays of one or no tangent_u, tangent_v and inner. edges : of one or no edge_row
     and corner_row, edge_normals and corner_normals, and of one or no seam_edges and seam_corners.
     """
+    n = filled(count)
     cp, rational, tu, tv, inner = shape
     if len(tu) > 0:
-        _acc_passes(cp, tu[0], tv[0], s, n)
+        acc_passes(cp, tu[0], tv[0], grid, first, s, n)
     elif len(inner) > 0:
-        _gregory_passes(cp, inner[0], s, n)
+        gregory_passes(cp, inner[0], s, n)
     else:
-        _bezier_passes(cp, rational, s, n)
-    _normal_pass(s, n)
-    _mend_normals(shape, s, n)
+        bezier_passes(cp, rational, grid, first, s, n)
+    if _some_unsafe(s, n):
+        mend_normals(shape, s, n)
     factor = ONE if len(tu) > 0 else THREE
     by_vectors = map_id >= 0 and maps.planes[map_id, 0] >= 0
+    u, v = _row(s, U, count), _row(s, V, count)
     if by_vectors:
-        _vector_pass(factor, texcoords, (edges[4], edges[5]), maps, map_id, s, n)
+        _vector_pass(factor, texcoords, (edges[4], edges[5]), maps, map_id, s, n, count)
     elif len(edges[0]) > 0:
         write_edge_normals(
-            edges[0][0], edges[1][0], edges[2], edges[3], map_id < 0, _row(s, U, n), _row(s, V, n), _row(s, NX, n),
-            _row(s, NY, n), _row(s, NZ, n), _row(s, CX, SPACE),
+            edges[0][0], edges[1][0], edges[2], edges[3], map_id < 0, u, v, _row(s, NX, count), _row(s, NY, count),
+            _row(s, NZ, count), _row(s, CX, SPACE),
         )  # fmt: skip
     if map_id >= 0 and not by_vectors:
-        _displacement_pass(texcoords, maps, map_id, s, n)
+        locate(texcoords, maps, map_id, s, n)
+        look_up(texcoords, maps, map_id, T, s, n)
         if len(edges[4]) > 0:
-            write_seam_values(edges[4][0], edges[5][0], maps, map_id, _row(s, U, n), _row(s, V, n), _row(s, T, n))
-        _bump_pass(factor, s, n)
-    _transform_pass(matrix, map_id >= 0 and not by_vectors, s, n)
+            write_seam_values(edges[4][0], edges[5][0], maps, map_id, u, v, _row(s, T, count))
+        _displace_pass(factor, matrix, s, n)
+    else:
+        _clip_pass(matrix, s, n)
 
 
 @helper
@@ -432,6 +260,35 @@ def _shape_of(patches, p):
     return shape, edges
 
 
+@helper
+def _load_points(uv, first, n, s):
+    """Rows U and V: the points first .. first + n - 1; a full vector and one more are filled up with the last of them."""
+    first = np.uint64(first)  # an index without a sign needs no test
+    for i in range(n):
+        s[U + i], s[V + i] = uv[0, first + np.uint64(i)], uv[1, first + np.uint64(i)]
+    for i in range(n, filled(n) + LANES):
+        s[U + i], s[V + i] = s[U + n - 1], s[V + n - 1]
+
+
+@inlined
+def _store_row(s, row, out, c, first, n):
+    for i in range(n):
+        out[c, first + np.uint64(i)] = s[row + i]
+
+
+@helper
+def _store_points(points, first, displaced, s, n):
+    """What was found of the n points, into their places from `first` on."""
+    first, clip, normal = np.uint64(first), points.clip, points.normal
+    for c in range(4):
+        _store_row(s, CX + c * ROW, clip, c, first, n)
+    for c in range(3):
+        if displaced:
+            _store_row(s, AX + c * ROW, normal, c, first, n)
+        else:
+            _store_row(s, NX + c * ROW, normal, c, first, n)
+
+
 @kernel
 def shade_patches(begin, end, live, patches, patterns, maps, matrix, points, scratch):
     """Shade every domain point of live patches begin .. end-1 into `points` (modified in place).
@@ -439,12 +296,14 @@ def shade_patches(begin, end, live, patches, patterns, maps, matrix, points, scr
     live : int32[...], patch numbers in submit order. patches : world space. matrix : float32[4, 4], world to clip.
     scratch : float32[SCRATCH], the caller's, one for each thread.
     """
+    last, grid = -1, (0, 0)
     for k in range(begin, end):
         p = live[k]
         pattern = patterns.of_patch[p]
         source = patterns.first_point[pattern]
         count = patterns.first_point[pattern + 1] - source
-        target = points.first[k]
+        if pattern != last:
+            last, grid = pattern, find_grid(patterns.uv[0, source : source + count], scratch)
         cp, texcoords, map_id = patches.control_points[p], patches.texcoords[p], patches.map_id[p]
         plain = (
             patches.tangent_id[p] < 0
@@ -452,21 +311,13 @@ def shade_patches(begin, end, live, patches, patterns, maps, matrix, points, scr
             and patches.normal_id[p] < 0
             and (map_id < 0 or (patches.seam_id[p] < 0 and maps.planes[map_id, 0] < 0))
         )
-        for block in range(0, count, ROW):
-            n = min(ROW, count - block)
-            for i in range(n):
-                scratch[U + i] = patterns.uv[0, source + block + i]
-                scratch[V + i] = patterns.uv[1, source + block + i]
+        size = filled(-(-count // max(-(-count // BLOCK), 1)))  # blocks of about equal length
+        for first in range(0, count, size):
+            n = min(size, count - first)
+            _load_points(patterns.uv, source + first, n, scratch)
             if plain:
-                _shade_bezier(cp, patches.rational[p], texcoords, map_id, maps, matrix, scratch, n)
+                _shade_bezier(cp, patches.rational[p], texcoords, map_id, maps, matrix, grid, first, scratch, n)
             else:
                 shape, edges = _shape_of(patches, p)
-                _shade_surface(shape, edges, texcoords, map_id, maps, matrix, scratch, n)
-            first = target + block
-            normal_row = AX if map_id >= 0 else NX
-            for c in range(4):
-                for i in range(n):
-                    points.clip[c, first + i] = scratch[CX + c * ROW + i]
-            for c in range(3):
-                for i in range(n):
-                    points.normal[c, first + i] = scratch[normal_row + c * ROW + i]
+                _shade_surface(shape, edges, texcoords, map_id, maps, matrix, grid, first, scratch, n)
+            _store_points(points, points.first[k] + first, map_id >= 0, scratch, n)

@@ -167,7 +167,7 @@ def test_strange_patches_equal_twin():
 def test_long_patterns_equal_the_same_points_shaded_separately():
     rng = np.random.default_rng(11)
     image = random_map(rng)
-    count = 2 * domain.ROW + 7
+    count = 2 * domain.BLOCK + 7
     for cp, map_id in ((smooth_patch(rng), -1), (rational_patch(rng), 0), (dome(), 0)):
         uv = random_points(rng, count)
         (clip,), (normal,) = shade(make_one(cp, map_id=map_id), [uv], [image])

@@ -52,7 +52,7 @@ PAPER = {  # relative to one domain-shader invocation: instructions, Core i7
     "tpatch": (4.5, 4.5),
     "npatch": (11.0, 11.0),
 }
-LOOKUP_MODULES = ("pipeline.minmax", "pipeline.displacement", "pipeline.bounds.lookup")
+LOOKUP_MODULES = ("pipeline.minmax", "pipeline.displacement", "pipeline.domain_lookup", "pipeline.bounds.lookup")
 LANES_MODULE = "pipeline.bounds.lanes"
 PROJECT_MODULE = "pipeline.bounds.project"
 ARITHMETIC = ("add", "sub", "mul", "div", "sqrt", "round")
@@ -246,10 +246,13 @@ def _sample(n: int, displaced: bool) -> HullInput:
 
 
 def _shader_call(stage: HullInput) -> tuple[Any, ...]:
-    """Arguments of `domain.shade_patches` for a grid of GRID x GRID squares on every patch."""
+    """Arguments of `domain.shade_patches` for a grid of GRID x GRID squares on every patch.
+
+    Column after column: of points in rows the shader shares sums over u, and an invocation would not be counted whole.
+    """
     n = len(stage.patches.map_id)
     t = np.arange(GRID + 1, dtype=np.float32) / GRID
-    uv = np.ascontiguousarray(np.stack(np.meshgrid(t, t), 0).reshape(2, -1), np.float32)
+    uv = np.ascontiguousarray(np.stack(np.meshgrid(t, t)[::-1], 0).reshape(2, -1), np.float32)
     count = uv.shape[1]
     first = np.arange(n + 1, dtype=np.int64) * count
     patterns = Patterns(
