@@ -4,6 +4,7 @@ The control-point phase of a Bezier patch hands its 16 control points through; t
 pipeline/subdivision/control_points.py, of which `surface_patches` makes patches.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -33,6 +34,23 @@ from pipeline.types import (
 )
 
 
+@kernel
+def _find_finite(rows, out):
+    for r in range(len(rows)):
+        bad = 0
+        for k in range(rows.shape[1]):
+            bad |= 0 if rows[r, k] - rows[r, k] == 0.0 else 1
+        out[r] = bad == 0
+
+
+def _finite_rows(table: F32) -> B1:
+    """Which rows of the first axis hold finite numbers alone."""
+    fine = np.empty(len(table), np.bool_)
+    with np.errstate(invalid="ignore"):  # where nothing is compiled
+        _find_finite(np.ascontiguousarray(table).reshape(len(table), math.prod(table.shape[1:])), fine)
+    return fine
+
+
 def flag_nonfinite(patches: Patches, ranges: F64) -> U8:
     """Cull flags, uint8[P]: NONFINITE for patches with a NaN or infinity in what the domain shader reads of them.
 
@@ -40,18 +58,20 @@ def flag_nonfinite(patches: Patches, ranges: F64) -> U8:
 
     ranges : float64[L, 2] of `displacement.map_ranges`, NaN for a map that holds a NaN or infinity.
     """
-    fine = np.isfinite(patches.control_points).all(axis=(1, 2, 3))
+    fine = _finite_rows(patches.control_points)
     for table, row in (
         (patches.tangent_u, patches.tangent_id),
         (patches.tangent_v, patches.tangent_id),
         (patches.inner, patches.gregory_id),
     ):
-        fine &= np.append(np.isfinite(table).all(axis=(1, 2, 3)), True)[row]  # the last one answers row -1
+        if len(table):
+            fine &= np.append(_finite_rows(table), True)[row]  # the last one answers row -1
     displaced = patches.map_id >= 0
     if displaced.any():
         map_fine = np.append(np.isfinite(ranges).all(axis=1), True)  # the last one answers map_id = -1
-        fine &= map_fine[patches.map_id] & (np.isfinite(patches.texcoords).all(axis=(1, 2)) | ~displaced)
-        fine &= _fine_edges(patches)[patches.normal_id] | ~displaced
+        fine &= map_fine[patches.map_id] & (_finite_rows(patches.texcoords) | ~displaced)
+        if len(patches.edge_row):
+            fine &= _fine_edges(patches)[patches.normal_id] | ~displaced
     return np.where(fine, np.uint8(CullFlag.ALIVE), np.uint8(CullFlag.NONFINITE))
 
 
@@ -176,6 +196,16 @@ def run_cull_tests(names: Sequence[str], stage: HullInput, bounds: PatchBounds, 
     """Run the named tests of `CULL_TESTS` in order; each flags patches that are still alive (`flags` in place)."""
     for name in names:
         CULL_TESTS[name](stage, bounds, flags)
+
+
+def part_of(stage: HullInput, begin: int, end: int) -> HullInput:
+    """The input of patches begin .. end alone, in the memory of all."""
+    rows = slice(begin, end)
+    return stage._replace(
+        patches=stage.patches.take(rows),
+        domain=stage.domain[rows],
+        factors=TessFactors(stage.factors.edge[rows], stage.factors.inside[rows]),
+    )
 
 
 def fixed_factors(num_patches: int, factor: Sequence[float]) -> TessFactors:

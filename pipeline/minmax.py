@@ -60,7 +60,7 @@ def _footprint(a, b, n):
 
 
 @inlined
-def _pieces(first, last, n, mode):
+def pieces(first, last, n, mode):
     """Texels first .. last after addressing, on an axis of n: two ranges (lo, hi), the second empty where hi < lo."""
     i, j = np.int64(first), np.int64(last)
     if (mode == WRAP and j - i >= n - 1) or (mode == MIRROR and j - i >= 2 * n - 1):
@@ -142,8 +142,8 @@ def texel_range(maps, pyramids, m, s0, s1, t0, t1, exact):
     j0, j1 = _footprint(t0, t1, np.float64(height))
     if not (max(abs(i0), abs(i1)) < FAR and max(abs(j0), abs(j1)) < FAR):
         return _piece_range(pyramids, m, 0, width - 1, 0, height - 1, exact)
-    xa0, xa1, xb0, xb1 = _pieces(i0, i1, width, mode)
-    ya0, ya1, yb0, yb1 = _pieces(j0, j1, height, mode)
+    xa0, xa1, xb0, xb1 = pieces(i0, i1, width, mode)
+    ya0, ya1, yb0, yb1 = pieces(j0, j1, height, mode)
     if xb0 > xb1 and yb0 > yb1:
         return _piece_range(pyramids, m, xa0, xa1, ya0, ya1, exact)
     return _pieces_range(pyramids, m, xa0, xa1, xb0, xb1, ya0, ya1, yb0, yb1, exact)

@@ -128,7 +128,7 @@ class Patches(NamedTuple):
     )
     seam_corners: F32  # (S, 4, 2) (s, t) with which corners are displaced: (u, v) = (0,0) (1,0) (0,1) (1,1)
 
-    def take(self, rows: I32 | I64) -> "Patches":
+    def take(self, rows: I32 | I64 | slice) -> "Patches":
         """The patches of these numbers, in this order; the tables of tangents and inner points stay whole."""
         return self._replace(
             control_points=self.control_points[rows],

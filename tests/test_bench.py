@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.culling import CLASSIFIERS
+from pipeline.culling.backface import Facing
 from tests.gl import llvmpipe as gl
 from tiler import machine as machine_module
 from tiler.bench import facts, peer, report, stages, startup
@@ -18,12 +20,15 @@ from tiler.bench.llvmpipe import POINTS, Drawing, Renderer, _split, drawing_of
 from tiler.bench.run import Limits, Results
 from tiler.bench.scaling import Point, linear_fit, scaling, triangle_fit
 from tiler.bench.scenes import bench_scene, torus, with_factor
-from tiler.bench.stages import BASELINE, Stage, frame_stages, measure_stages, timed_frame
+from tiler.bench.stages import BASELINE, Stage, frame_stages, hull_stage, measure_stages, timed_frame
 from tiler.bench.stopwatch import timing
 from tiler.bench.tables import Table, aligned, markdown
+from tiler.bench.views import QUICK_VIEWS, VIEW_PATCHES, Views, measure_views, view_scene
 from tiler.cli import app
 from tiler.config import Machine
 from tiler.errors import TilerError
+from tiler.reproduce.loop2011.eyes import PAPER
+from tiler.reproduce.plain import ball_of
 from tiler.scene import load_scene
 from tiler.simulation import simulate
 
@@ -227,6 +232,7 @@ def results() -> Results:
         [startup.Wait("import tiler", 0.7, 0.1)],
         "llvmpipe",
         [row],
+        Views(100, 50, 200, 2.0, {"tcone": 2000, "tangent_plane": 2500}),
     )
 
 
@@ -236,6 +242,30 @@ def test_report_says_what_was_asked_and_reached():
     assert asked["domain shader, factor 8: times the arithmetic limit"] == ["2.0", "<= 3", "yes"]
     assert asked["torus, factor 8, triangle: times faster than llvmpipe"] == ["6.0", ">= 5", "yes"]
     assert asked["import tiler: s"] == ["0.70", "<= 0.5", "no"]
+    assert asked["200 views of 100 patches through tcone, tangent_plane, one thread: s"] == ["8.0", "<= 60", "yes"]
+
+
+def test_report_says_how_many_views_were_measured():
+    (table,) = (table for table in report.tables(results()) if table.title == "Many views")
+    assert "50 of 200 views measured, in 2.00 s" in table.note and "400000.0 ns a patch and view" in table.note
+    assert table.rows == [["tcone", "2,000", "40.0"], ["tangent_plane", "2,500", "50.0"]]
+    assert report.as_json(results())["views"]["whole_seconds"] == 8.0
+    assert "Many views" not in report.as_text(results()._replace(views=None))
+
+
+def test_views_are_those_of_the_tests_one_by_one():
+    """The model has as many patches as asked for, and of each eye the tests answer as they do alone."""
+    found = measure_views(patches=70, asked=6)
+    assert (found.patches, found.views, found.asked) == (70, 6, 6) and found.seconds >= 0
+    scene = view_scene(70)
+    everyone, alone = np.arange(70), dict.fromkeys(found.culled, 0)
+    for eye in PAPER.draw(np.random.default_rng(0), 6, ball_of(scene)):
+        stage = hull_stage(scene)._replace(eye=eye)
+        for name in alone:
+            alone[name] += int(np.count_nonzero(CLASSIFIERS[f"backface:{name}"](stage, everyone) == Facing.BACK))
+    assert found.culled == alone and min(alone.values()) > 0
+    assert measure_views(True, 70, 2000).views == QUICK_VIEWS
+    assert view_scene().num_patches == VIEW_PATCHES
 
 
 def test_json_has_the_agreed_keys():

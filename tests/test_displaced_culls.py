@@ -9,12 +9,14 @@ import pytest
 import tiler
 from pipeline.culling import apex, classify, control_planes, ncone, tcone
 from pipeline.culling.backface import Facing
-from pipeline.culling.chords import bound_part, longest_differences, make_work
+from pipeline.culling.chords import bound_part, make_scratch, measure_differences, place_patch
 from pipeline.culling.offset import Offsets, constant_offsets, no_offsets
-from pipeline.hull import make_input
+from pipeline.culling.part_displacement import PLACE, find_displacement, find_footprints, place_map, read_footprints
 from pipeline.jit import kernel
+from pipeline.minmax import build_pyramids
 from pipeline.slopes import build_slopes, query_slopes
 from pipeline.types import FaceCull, Partitioning, TessFactors, Viewport
+from pipeline.wide import LANES, choose, store
 from tests.naive_domain import NaiveMap
 from tests.test_backface import bigguy, bigguy_view, cull, gentle, view_of
 from tests.test_domain import make_one, pack, rational_patch, smooth_patch
@@ -93,17 +95,30 @@ def test_slopes_hold_those_of_a_slow_twin(seed, address):
 
 
 @kernel
-def _boxes(p, patches, maps, pyramids, along_s, along_t, eye, part, box, middle):
-    points, work = np.empty((16, 3)), make_work()
-    for k in range(16):
+def _boxes(cp, texcoords, maps, whole, first, size, texels, steps_s, steps_t, eye, part, box, middle):
+    """The boxes of a block all of whose lanes are one patch with map 0; texels and so on: (lo, hi) of the pyramids."""
+    s = make_scratch(0)
+    for lane in range(LANES):
+        place_patch(cp, 0.0, lane, s)
+        place_map(0, texcoords, maps.address, maps.scale, maps.bias, whole, size, lane, s)
+        for k in range(4):
+            s[PLACE + k, lane] = part[k]
+    find_footprints(s)
+    read_footprints(s, np.zeros(LANES, np.int64), first, size, maps.address, *texels, *steps_s, *steps_t)
+    find_displacement(s)
+    measure_differences(s)
+    known = bound_part(s, eye, 0.0)
+    for row, vector in enumerate((known.middle_q, known.middle_a, known.middle_b)):
         for c in range(3):
-            points[k, c] = patches.control_points[p, k >> 2, k & 3, c]
-    u0, u1, v0, v1 = part
-    known = bound_part(
-        p, patches, maps, pyramids, along_s, along_t, eye, 0.0, u0, u1, v0, v1, longest_differences(points), work
-    )
-    box[:], middle[:] = work.box, work.middle
-    return known.fine
+            store(s, 0, vector[c])
+            middle[row, c] = s[0, 0]
+    for row, vector in enumerate((known.q, known.a, known.b)):
+        for c in range(3):
+            store(s, 0, vector[c][0])
+            store(s, 1, vector[c][1])
+            box[row, c, 0], box[row, c, 1] = s[0, 0], s[1, 0]
+    store(s, 0, choose(known.fine, 1.0, 0.0))
+    return s[0, 0] > 0.0
 
 
 def displaced_grid(cp, image, texcoords, u, v):
@@ -146,16 +161,19 @@ def test_boxes_hold_every_chord(seed):
     """Of any length, along u and along v, across creases at texel borders; and they are not much larger."""
     rng = np.random.default_rng(10 + seed)
     patches, maps = bumpy(rng, 60, 0.02, 0.15)
-    packed = pack(maps)
-    stage = make_input(patches, packed, np.eye(4, dtype=np.float32), Viewport(0, 0, 64, 64, 0.0, 1.0))
-    slopes = build_slopes(packed)
     box, middle, tight = np.empty((3, 3, 2)), np.empty((3, 3)), []
     for p in range(60):
         eye = rng.normal(0, 3, 3)
         size = rng.choice([1.0, 0.25, 1 / 16])
         u0, v0 = rng.uniform(0, 1 - size, 2)
         part = (u0, u0 + size, v0, v0 + size)
-        if not _boxes(p, patches, stage.maps, stage.pyramids, *slopes, eye, part, box, middle):
+        packed = pack(maps[p : p + 1])
+        pyramids, slopes = build_pyramids(packed), build_slopes(packed)
+        fine = _boxes(
+            patches.control_points[p], patches.texcoords[p], packed, pyramids.whole, pyramids.first, pyramids.size,
+            *((pyramid.lo, pyramid.hi) for pyramid in (pyramids, *slopes)), eye, part, box, middle,
+        )  # fmt: skip
+        if not fine:
             continue
         u, v = (np.sort(np.append(rng.uniform(a, a + size, 30), [a, a + size])) for a in (u0, v0))
         d = displaced_grid(patches.control_points[p], maps[p], patches.texcoords[p], u, v)

@@ -53,7 +53,7 @@ PAPER = {  # relative to one domain-shader invocation: instructions, Core i7
     "npatch": (11.0, 11.0),
 }
 LOOKUP_MODULES = ("pipeline.minmax", "pipeline.displacement", "pipeline.domain_lookup", "pipeline.bounds.lookup")
-LANES_MODULE = "pipeline.bounds.lanes"
+LANES_MODULES = ("pipeline.bounds.lanes", "pipeline.wide")
 PROJECT_MODULE = "pipeline.bounds.project"
 ARITHMETIC = ("add", "sub", "mul", "div", "sqrt", "round")
 
@@ -182,7 +182,7 @@ class _CountingLoader(importlib.machinery.SourceFileLoader):
         tree = ast.parse(self.get_data(self.path), self.path)
         module._counting = _Counting(module.__name__, self.tally)
         exec(compile(ast.fix_missing_locations(_Rewrite().visit(tree)), self.path, "exec"), module.__dict__)
-        if module.__name__ == LANES_MODULE:
+        if module.__name__ in LANES_MODULES:
             module.LANES = 1  # a block of one: no operation is made for a lane that is only filled up
 
 

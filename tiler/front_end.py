@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline import animate, domain, hull, primitives, vertex
-from pipeline.culling import tangent_plane
+from pipeline.culling import PER_PATCH, tangent_plane
 from pipeline.culling.backface import Facing
 from pipeline.displacement import pack_maps, vector_lengths
 from pipeline.inside import make_lanes
@@ -43,6 +43,7 @@ from tiler.shared import Stages
 
 BATCH_POINTS = 1 << 18  # domain points in flight: a batch of about 40 MB, whose memory the next one gets again
 WINDING = "triangle_ccw"  # with u x v pointing to the viewer this is clockwise on the screen: a front face
+CULL_CHUNK = 512  # least patches of a chunk: what surrounds the kernels of a cull test costs as much as a hundred
 FAN_TRIANGLES = primitives.MAX_CORNERS - 2
 
 
@@ -165,10 +166,20 @@ def raise_silhouettes(scene: Scene, stage: HullInput) -> HullInput:
     return stage._replace(factors=factors)
 
 
-def cull(name: str, stage: HullInput, bounds: PatchBounds, flags: U8) -> U8:
+def cull(name: str, stage: HullInput, bounds: PatchBounds, flags: U8, host: Host) -> U8:
     """The flags after cull test `name` of the patches still alive."""
     after = flags.copy()
-    hull.run_cull_tests((name,), stage, bounds, after)
+    if name not in PER_PATCH:
+        hull.run_cull_tests((name,), stage, bounds, after)
+        return after
+    chunks = host.chunks(len(flags), CULL_CHUNK)
+
+    def work(c: int) -> None:
+        begin, end = chunks[c]
+        part = PatchBounds._make(array[begin:end] for array in bounds)
+        hull.run_cull_tests((name,), hull.part_of(stage, begin, end), part, after[begin:end])
+
+    host.run(work, len(chunks))
     return after
 
 

@@ -34,9 +34,9 @@ class Host:
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
 
-    def chunks(self, items: int) -> list[tuple[int, int]]:
-        """Cut 0 .. items into even ranges (begin, end)."""
-        n = min(items, self.threads * CHUNKS_PER_THREAD)
+    def chunks(self, items: int, least: int = 1) -> list[tuple[int, int]]:
+        """Cut 0 .. items into even ranges (begin, end), of `least` items or more where there are so many."""
+        n = min(-(-items // least), self.threads * CHUNKS_PER_THREAD)
         return [(items * c // n, items * (c + 1) // n) for c in range(n)]
 
     def run(self, work: Callable[[int], Any], n: int) -> None:

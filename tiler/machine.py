@@ -138,7 +138,7 @@ def draw_frame(
     flags = broken = run(hull.flag_nonfinite, patches, stage.pyramids.whole)
     bounds = run(BOUNDS[machine.bounds], stage)
     for name in machine.hull_cull:
-        flags = shared.same(run(front_end.cull, name, stage, bounds, flags))
+        flags = shared.same(run(front_end.cull, name, stage, bounds, flags, host))
     dropped = broken if shared.most_points else flags
     patterns = run(front_end.tessellate, scene.tessellation, stage.factors, dropped)
     flags, live = front_end.live_patches(patterns, flags)

@@ -39,6 +39,9 @@ CULL_TESTS: dict[str, CullTest] = {
     "backface:tessellation_safe": tessellation_safe.cull_patches,
 }
 
+# Tests that look at each patch by itself, and so may be run on parts of a frame.
+PER_PATCH = frozenset(CULL_TESTS) - {"frustum:object"}
+
 TRIANGLE_SAFE = {"backface:tessellation_safe"}  # answer for every triangle, not for the surface
 
 FLAG_OF: dict[str, CullFlag] = {

@@ -4,9 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.culling import chords
+from pipeline.culling.chords import ORIGIN, POINTS, load_vector
 from pipeline.culling.screen import DENORMAL, MOST_PIXELS, SNAP, U, clip_error
-from pipeline.jit import helper
+from pipeline.jit import helper, inlined
 from pipeline.types import F64, HullInput
+from pipeline.wide import choose, greater, lesser, load, root, spread, store
 
 ROOM = 1.0 + 1e-6  # for what float64 rounds here
 
@@ -21,109 +24,120 @@ class View(NamedTuple):
     size: F64  # (4,) viewport: width, height, |left|, |top|
 
 
-class Screen(NamedTuple):
-    """How a displaced patch lies on the screen."""
+# Rows of a block's scratch, after those of `chords`: how a displaced patch lies on the screen.
+MOST = chords.ROWS  # largest |x|, |y|, |z| of its control points, world space
+MIDDLE = chords.ROWS + 3  # NDC x, y
+SPREAD = chords.ROWS + 5  # largest distance from it
+FAR = chords.ROWS + 7  # pixels: largest |coordinate| of a vertex
+LEAST_W, MOST_W = chords.ROWS + 9, chords.ROWS + 10
+WHOLE = chords.ROWS + 11  # 1 where no triangle needs the clipper, 0 elsewhere
+NUM_ROWS = 12
 
-    whole: bool  # no triangle needs the clipper
-    middle: tuple[float, float]  # NDC x, y
-    spread: tuple[float, float]  # largest distance from it
-    far: tuple[float, float]  # pixels: largest |coordinate| of a vertex
-    least_w: float
-    most_w: float
 
-
-@helper
+@inlined
 def _row_dot(row, v):
     return row[0] * v[0] + row[1] * v[1] + row[2] * v[2]
 
 
-@helper
+@inlined
 def _row_length(row):
     return np.sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2])
 
 
-@helper
+@inlined
 def _tilt(row, other, factor):
-    """Length of row - factor other."""
+    """Length of row - factor other; factor: Wide."""
     x, y, z = row[0] - factor * other[0], row[1] - factor * other[1], row[2] - factor * other[2]
-    return np.sqrt(x * x + y * y + z * z)
+    return root(x * x + y * y + z * z)
+
+
+@inlined
+def _point(s, k, origin):
+    p = load_vector(s, POINTS + 3 * k)
+    return p[0] + origin[0], p[1] + origin[1], p[2] + origin[2]
 
 
 @helper
-def screen_of(points, origin, farthest, view):
-    """The Screen of a patch of control points float64[16, 3] about `origin`, displaced by at most `farthest`."""
+def fill_screen(s, farthest, view):
+    """Rows MOST .. WHOLE of the patches of a block, displaced by at most `farthest`, from POINTS and ORIGIN."""
     m = view.matrix
     sz, sw = _row_length(m[2]), _row_length(m[3])
-    s_far = _tilt(m[3], m[2], 1.0)
+    s_far = _tilt(m[3], m[2], spread(1.0))
     reach = farthest * ROOM
-    most = (0.0, 0.0, 0.0)
-    mid_x = mid_y = mid_w = 0.0
-    least_w, most_w = np.inf, 0.0
+    origin = load_vector(s, ORIGIN)
+    zero = spread(0.0)
+    most_x = most_y = most_z = mid_x = mid_y = mid_w = most_w = zero
+    least_w = spread(np.inf)
     for k in range(16):
-        p = (points[k, 0] + origin[0], points[k, 1] + origin[1], points[k, 2] + origin[2])
-        most = (max(most[0], abs(p[0])), max(most[1], abs(p[1])), max(most[2], abs(p[2])))
+        p = _point(s, k, origin)
+        most_x, most_y, most_z = greater(most_x, abs(p[0])), greater(most_y, abs(p[1])), greater(most_z, abs(p[2]))
         w = _row_dot(m[3], p) + m[3, 3]
-        mid_x, mid_y, mid_w = mid_x + _row_dot(m[0], p) + m[0, 3], mid_y + _row_dot(m[1], p) + m[1, 3], mid_w + w
-        least_w, most_w = min(least_w, w - reach * sw), max(most_w, w + reach * sw)
-    x, y, z = most[0] + reach, most[1] + reach, most[2] + reach
+        mid_x, mid_y, mid_w = mid_x + (_row_dot(m[0], p) + m[0, 3]), mid_y + (_row_dot(m[1], p) + m[1, 3]), mid_w + w
+        least_w, most_w = lesser(least_w, w - reach * sw), greater(most_w, w + reach * sw)
+    x, y, z = most_x + reach, most_y + reach, most_z + reach
     error_z, error_w = clip_error(m[2], x, y, z) + sz * 1e-6 * reach, clip_error(m[3], x, y, z) + sw * 1e-6 * reach
-    none = (0.0, 0.0)
-    if not (least_w > 2.0 * error_w and most_w < np.inf):
-        return Screen(False, none, none, none, 0.0, 0.0)
+    whole = (least_w > 2.0 * error_w) & (most_w < np.inf)
     mid_x, mid_y = mid_x / mid_w, mid_y / mid_w
     tilt_x, tilt_y = _tilt(m[0], m[3], mid_x), _tilt(m[1], m[3], mid_y)
-    spread_x = spread_y = 0.0
-    whole = True
+    spread_x = spread_y = zero
     for k in range(16):
-        p = (points[k, 0] + origin[0], points[k, 1] + origin[1], points[k, 2] + origin[2])
+        p = _point(s, k, origin)
         w = _row_dot(m[3], p) + m[3, 3]
         clip_x, clip_y, clip_z = _row_dot(m[0], p) + m[0, 3], _row_dot(m[1], p) + m[1, 3], _row_dot(m[2], p) + m[2, 3]
-        whole &= clip_z - reach * sz > error_z and w - clip_z - reach * s_far > error_z + error_w
-        spread_x = max(spread_x, (abs(clip_x - mid_x * w) + reach * tilt_x) / (w - reach * sw))
-        spread_y = max(spread_y, (abs(clip_y - mid_y * w) + reach * tilt_y) / (w - reach * sw))
+        whole = whole & (clip_z - reach * sz > error_z) & (w - clip_z - reach * s_far > error_z + error_w)
+        under = 1.0 / (w - reach * sw)
+        spread_x = greater(spread_x, (abs(clip_x - mid_x * w) + reach * tilt_x) * under)
+        spread_y = greater(spread_y, (abs(clip_y - mid_y * w) + reach * tilt_y) * under)
     far_x = (abs(mid_x) + spread_x + 1.0) * view.size[0] + view.size[2]
     far_y = (abs(mid_y) + spread_y + 1.0) * view.size[1] + view.size[3]
-    whole &= far_x < MOST_PIXELS and far_y < MOST_PIXELS
-    return Screen(whole, (mid_x, mid_y), (spread_x, spread_y), (far_x, far_y), least_w, most_w)
+    whole = whole & (far_x < MOST_PIXELS) & (far_y < MOST_PIXELS)
+    store(s, MOST, most_x)
+    store(s, MOST + 1, most_y)
+    store(s, MOST + 2, most_z)
+    store(s, MIDDLE, mid_x)
+    store(s, MIDDLE + 1, mid_y)
+    store(s, SPREAD, spread_x)
+    store(s, SPREAD + 1, spread_y)
+    store(s, FAR, far_x)
+    store(s, FAR + 1, far_y)
+    store(s, LEAST_W, least_w)
+    store(s, MOST_W, most_w)
+    store(s, WHOLE, choose(whole, 1.0, zero))
 
 
 @helper
-def vertex_error(points, origin, part, screen, view):
-    """Pixels that a vertex of the part may be off by along each axis: float32, viewport, snap."""
+def vertex_error(s, part, view):
+    """Pixels that a vertex of each lane's part may be off by along each axis: float32, viewport, snap."""
     m = view.matrix
-    x = y = z = 0.0
-    for k in range(16):
-        x, y = max(x, abs(points[k, 0] + origin[0])), max(y, abs(points[k, 1] + origin[1]))
-        z = max(z, abs(points[k, 2] + origin[2]))
-    x, y, z = x + part.farthest, y + part.farthest, z + part.farthest
+    x, y, z = load(s, MOST) + part.farthest, load(s, MOST + 1) + part.farthest, load(s, MOST + 2) + part.farthest
     shift = part.shift * ROOM + DENORMAL
     error_x = clip_error(m[0], x, y, z) + _row_length(m[0]) * shift
     error_y = clip_error(m[1], x, y, z) + _row_length(m[1]) * shift
     error_w = clip_error(m[3], x, y, z) + _row_length(m[3]) * shift
-    ndc_x, ndc_y = abs(screen.middle[0]) + screen.spread[0], abs(screen.middle[1]) + screen.spread[1]
-    least_w = screen.least_w - error_w
-    if not least_w > 0.0:
-        return np.inf
-    off_x = 0.5 * view.size[0] * (error_x + ndc_x * error_w) / least_w + 5.0 * U * (screen.far[0] + view.size[0])
-    off_y = 0.5 * view.size[1] * (error_y + ndc_y * error_w) / least_w + 5.0 * U * (screen.far[1] + view.size[1])
-    return max(off_x, off_y) * 1.01 + SNAP
+    ndc_x, ndc_y = abs(load(s, MIDDLE)) + load(s, SPREAD), abs(load(s, MIDDLE + 1)) + load(s, SPREAD + 1)
+    least_w = load(s, LEAST_W) - error_w
+    under = 1.0 / least_w
+    off_x = 0.5 * view.size[0] * (error_x + ndc_x * error_w) * under + 5.0 * U * (load(s, FAR) + view.size[0])
+    off_y = 0.5 * view.size[1] * (error_y + ndc_y * error_w) * under + 5.0 * U * (load(s, FAR + 1) + view.size[1])
+    return choose(least_w > 0.0, greater(off_x, off_y) * 1.01 + SNAP, np.inf)
+
+
+@inlined
+def _pixels_on(s, c, box, part, view):
+    m, middle = view.matrix, load(s, MIDDLE + c)
+    along = depth = spread(0.0)
+    for vector, interval in ((part.middle_a, box[0]), (part.middle_b, box[1]), (part.middle_q, box[2])):
+        size = greater(abs(interval[0]), abs(interval[1]))
+        w = _row_dot(m[3], vector)
+        along = along + abs(_row_dot(m[c], vector) - middle * w) * size
+        depth = depth + abs(w) * size
+    return 0.5 * view.size[c] * (along + load(s, SPREAD + c) * depth) / load(s, LEAST_W)
 
 
 @helper
-def pixels_along(row, screen, view, work):
-    """Pixels, x and y together, that a chord of parameter length 1 spans at most; row 1: along u, 2: along v."""
-    m, middle, box = view.matrix, work.middle, work.box
-    length = 0.0
-    for c in range(2):
-        along = depth = 0.0
-        for s in range(3):
-            vector = middle[1] if s == 0 else (middle[2] if s == 1 else middle[0])
-            size = max(abs(box[row, s, 0]), abs(box[row, s, 1]))
-            w = _row_dot(m[3], vector)
-            along += abs(_row_dot(m[c], vector) - screen.middle[c] * w) * size
-            depth += abs(w) * size
-        length += 0.5 * view.size[c] * (along + screen.spread[c] * depth) / screen.least_w
-    return length * ROOM
+def pixels_along(s, box, part, view):
+    """Pixels, x and y together, that a chord of parameter length 1 spans at most; box: `part.a` along u, `part.b` along v."""
+    return (_pixels_on(s, 0, box, part, view) + _pixels_on(s, 1, box, part, view)) * ROOM
 
 
 def viewport_size(stage: HullInput) -> F64:

@@ -12,11 +12,11 @@ ALIVE, FRUSTUM = int(CullFlag.ALIVE), int(CullFlag.FRUSTUM)
 
 
 @helper
-def _outside(p, bounds):
-    sx, sy, sz, sw = bounds.slack[p]
+def _outside(corners, slack):
+    sx, sy, sz, sw = slack[0], slack[1], slack[2], slack[3]
     outside = 0b111111
     for k in range(8):
-        x, y, z, w = bounds.corners[p, k]
+        x, y, z, w = corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3]
         outside &= (
             (w + x < -(sw + sx))
             | (w - x < -(sw + sx)) << 1
@@ -29,12 +29,15 @@ def _outside(p, bounds):
 
 
 @kernel
-def _cull_patches(bounds, flags):
+def _cull_patches(corners, slack, inside, flags):
     for p in range(len(flags)):
-        if flags[p] == ALIVE and _outside(p, bounds):
+        if flags[p] == ALIVE and inside[p] == 0 and _outside(corners[p], slack[p]):
             flags[p] = FRUSTUM
 
 
 def cull_patches(stage: HullInput, bounds: PatchBounds, flags: U8) -> None:
-    """Flag alive patches whose bound lies outside one plane of the frustum; `flags` uint8[P] modified in place."""
-    _cull_patches(bounds, flags)
+    """Flag alive patches whose bound lies outside one plane of the frustum; `flags` uint8[P] modified in place.
+
+    Those known to lie wholly inside, most of a usual view, are not asked.
+    """
+    _cull_patches(bounds.corners, bounds.slack, bounds.inside, flags)

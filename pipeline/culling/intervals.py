@@ -1,6 +1,10 @@
-"""Intervals as pairs (lo, hi), for kernels. Rounding is the caller's to add, relative to magnitudes."""
+"""Intervals as pairs (lo, hi) of numbers, plain or `Wide`, for kernels.
+
+Rounding is the caller's to add, relative to magnitudes.
+"""
 
 from pipeline.jit import helper
+from pipeline.wide import choose, greater, lesser
 
 
 @helper
@@ -19,28 +23,27 @@ def sub(a, b):
 def mul(a, b):
     """a b."""
     p, q, r, s = a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1]
-    return min(p, q, r, s), max(p, q, r, s)
+    return lesser(lesser(p, q), lesser(r, s)), greater(greater(p, q), greater(r, s))
 
 
 @helper
 def scale(x, a):
     """x a, x a number."""
     p, q = x * a[0], x * a[1]
-    return min(p, q), max(p, q)
+    return lesser(p, q), greater(p, q)
 
 
 @helper
 def most(a):
     """Largest magnitude."""
-    return max(abs(a[0]), abs(a[1]))
+    return greater(abs(a[0]), abs(a[1]))
 
 
 @helper
 def square(a):
     """a a, the same number twice."""
     p, q = a[0] * a[0], a[1] * a[1]
-    least = 0.0 if a[0] <= 0.0 <= a[1] else min(p, q)
-    return least, max(p, q)
+    return choose((a[0] <= 0.0) & (a[1] >= 0.0), 0.0, lesser(p, q)), greater(p, q)
 
 
 @helper

@@ -18,7 +18,7 @@ import numpy as np
 
 from pipeline.bounds.restrict import domain_displacement, texcoord_rect
 from pipeline.culling.backface import is_plain, is_single_net
-from pipeline.culling.chords import longest_differences, make_work, normal_cone
+from pipeline.culling.normal_cone import longest_differences, make_work, normal_cone
 from pipeline.jit import helper, kernel
 from pipeline.minmax import texel_range
 from pipeline.types import B1, F64, I64, HullInput

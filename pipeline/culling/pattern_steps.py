@@ -101,14 +101,12 @@ def measure_steps(factors: TessFactors, numbers: I64, partitioning: int = Partit
 
     Infinite where a factor culls the patch, and where a pattern turns a triangle over (two points that cross).
     """
-    both = np.concatenate([factors.edge[numbers], factors.inside[numbers]], axis=1)
-    six, of_patch = np.unique(both, axis=0, return_inverse=True)
-    worst = np.zeros((len(six), NUM_STEPS))
-    some = TessFactors(np.ascontiguousarray(six[:, :4]), np.ascontiguousarray(six[:, 4:]))
+    some = TessFactors(factors.edge[numbers], factors.inside[numbers])
+    worst = np.zeros((len(numbers), NUM_STEPS))
     for name in PARTITIONINGS[Partitioning(partitioning)]:
         patterns = make_patterns(some, name, WINDING)
         steps = np.zeros((len(patterns.first_point) - 1, NUM_STEPS))
         _measure(patterns.uv, patterns.first_point, patterns.indices, patterns.first_triangle, steps)
         steps = np.concatenate([steps, np.full((1, NUM_STEPS), np.inf)])  # the last one answers for -1
-        worst = np.maximum(worst, steps[patterns.of_patch])
-    return worst[of_patch.reshape(-1)]
+        np.maximum(worst, steps[patterns.of_patch], out=worst)
+    return worst

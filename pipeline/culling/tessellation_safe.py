@@ -293,8 +293,7 @@ def _classify(stage: HullInput, numbers: I64, wanted: tuple[int, ...]) -> U8:
     at = np.flatnonzero((stage.patches.map_id[numbers] >= 0) & is_single_net(stage, numbers))
     if view is not None and len(at):
         steps = measure_steps(stage.factors, numbers[at], stage.partitioning)
-        sides = classify_from(stage, view, numbers[at], steps)
-        answer[at] = np.where(np.isin(sides, wanted), sides, SILHOUETTE)
+        answer[at] = classify_from(stage, view, numbers[at], steps, wanted)
     return answer
 
 

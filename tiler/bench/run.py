@@ -9,6 +9,7 @@ from tiler.bench.limits import arithmetic_limit, bandwidth_limit
 from tiler.bench.scaling import Memory, Point, million_patches, scaling
 from tiler.bench.stages import Stage, measure_stages
 from tiler.bench.startup import Wait, measure_startup
+from tiler.bench.views import Views, measure_views
 
 QUICK_SIZE = (960, 540)
 
@@ -43,6 +44,7 @@ class Results(NamedTuple):
     startup: list[Wait]
     peer_name: str
     peer: list[dict[str, Any]]
+    views: Views | None = None
 
 
 def measure_limits() -> Limits:
@@ -73,6 +75,7 @@ def run_bench(
     host = host_facts(threads) | {"load_before": load_average(), "spin_before_ms": round(spin() * 1e3, 3)}
     found_limits, found_stages, points, memory = None, [], [], None
     times: list[Wait] = []
+    many: Views | None = None
     name = ""
     rows: list[dict[str, Any]] = []
     if peer:
@@ -83,6 +86,8 @@ def run_bench(
     if stages:
         progress("stages")
         found_limits, found_stages = measure_limits(), measure_stages(size, threads, quick)
+        progress("views")
+        many = measure_views(quick)
     if scales:
         progress("scaling")
         points = scaling(size, threads, quick)
@@ -93,4 +98,4 @@ def run_bench(
         progress("start-up")
         times = measure_startup()
     host |= {"load_after": load_average(), "spin_after_ms": round(spin() * 1e3, 3)}
-    return Results(host, found_limits, found_stages, points, memory, times, name, rows)
+    return Results(host, found_limits, found_stages, points, memory, times, name, rows, many)

@@ -77,7 +77,7 @@ class _OneTile(Host):
         super().__init__(1)
         self.tile = tile
 
-    def chunks(self, items: int) -> list[tuple[int, int]]:
+    def chunks(self, items: int, least: int = 1) -> list[tuple[int, int]]:
         return [(self.tile, self.tile + 1)]
 
 
