@@ -19,6 +19,7 @@ RUN = 256  # triangles: their rows stay in the first-level cache
 A, B, C, X0, Y0, X1, Y1, ALIVE, TURNED, LIST, COVER = (k * RUN for k in range(11))
 SCRATCH = 11 * RUN
 
+ONE, TWO = np.uint32(1), np.uint32(2)
 UNKNOWN = 255  # of Triangles.cover: not asked for, or the box is larger than it has bits for
 
 
@@ -100,7 +101,7 @@ def _list(n, rows):
 def _gather(n, rows):
     """Rows A .. Y1 and TURNED: those of the n triangles in row LIST, corners clockwise from here on; the first corner stays."""
     for k in range(n):
-        i = rows[LIST + k]  # never less than k
+        i = np.uint32(rows[LIST + k])  # never less than k; unsigned, as an index that may be negative costs a test
         back = rows[TURNED + i] != 0
         b, c = rows[B + i], rows[C + i]
         rows[A + k], rows[B + k], rows[C + k] = rows[A + i], c if back else b, b if back else c
@@ -167,21 +168,24 @@ def set_up_inside(
         culled += wrong
         no_sample += empty
         offscreen += out
+        if zero + wrong + empty + out == n:
+            continue
         found = _list(n, rows)
         _gather(found, rows)
         if margin == 0:  # samples lie at the pixels' centres
             _cover(found, rows)
         for k in range(found):
-            s = begin + rows[LIST + k]
-            a, b, c = np.int64(indices[3 * s]), np.int64(indices[3 * s + 1]), np.int64(indices[3 * s + 2])
-            a, b, c = a + base, b + base, c + base
+            s, at = begin + rows[LIST + k], np.uint32(t + k)
+            corner = np.uint32(3 * s)
+            a, b, c = indices[corner], indices[corner + ONE], indices[corner + TWO]
+            a, b, c = np.uint32(a + base), np.uint32(b + base), np.uint32(c + base)
             used[a], used[b], used[c] = 1, 1, 1
             back = rows[TURNED + k] != 0
-            vertex[t, 0], vertex[t, 1], vertex[t, 2] = a, c if back else b, b if back else c
-            box[t, 0], box[t, 1], box[t, 2], box[t, 3] = rows[X0 + k], rows[Y0 + k], rows[X1 + k], rows[Y1 + k]
-            cover[t] = rows[COVER + k] if margin == 0 else UNKNOWN
-            edges[t] = 7 | BACK_FACE if back else 7
-            patches[t] = patch
-            source[t] = s - first
-            t += 1
+            vertex[at, 0], vertex[at, 1], vertex[at, 2] = a, c if back else b, b if back else c
+            box[at, 0], box[at, 1], box[at, 2], box[at, 3] = rows[X0 + k], rows[Y0 + k], rows[X1 + k], rows[Y1 + k]
+            cover[at] = rows[COVER + k] if margin == 0 else UNKNOWN
+            edges[at] = 7 | BACK_FACE if back else 7
+            patches[at] = patch
+            source[at] = s - first
+        t += found
     return t, zero_area, culled, no_sample, offscreen

@@ -138,7 +138,6 @@ def test_machines_whose_tiles_wait_for_each_other_are_left_out():
         {"binning": "patch"},
         {"binning": "subpatch"},
         {"overlap": "exact"},
-        {"queue_order": "front_to_back"},
         {"cull": ("occlusion",)},
         {"cull": ("occlusion:block",)},
     ):

@@ -143,7 +143,7 @@ def fill_covered(
         bit = bits & -bits
         bits ^= bit
         row, column = bit >> 2 != 0, bit & 0b1010 != 0
-        k = first + (width if row else 0) + column
+        k = np.uint32(first + (width if row else 0) + column)  # an index that may be negative costs a test
         d = depth[k]
         if lo < d or ties:
             f1 = e1 + ((dx1 << 8) if row else 0) - ((dy1 << 8) if column else 0)

@@ -161,7 +161,8 @@ def _draw_patch(
     )  # fmt: skip
     one_sample = len(sample_x) == 1
     pairs = 0
-    for t in range(first, last):
+    for number in range(first, last):
+        t = np.uint32(number)  # an index that may be negative costs a test
         x0, y0, x1, y1 = np.int64(box[t, 0]), np.int64(box[t, 1]), np.int64(box[t, 2]), np.int64(box[t, 3])
         if x0 < limits[0] or y0 < limits[1] or x1 >= limits[2] or y1 >= limits[3]:
             return -1
@@ -172,12 +173,12 @@ def _draw_patch(
             if x0 > x1 or y0 > y1:
                 continue
             bits = np.int64(UNKNOWN)  # they are of the whole box
-        tile = (y0 >> log2) * tiles_x + (x0 >> log2)
+        tile = np.uint32((y0 >> log2) * tiles_x + (x0 >> log2))
         in_one = (x0 ^ x1) >> log2 == 0 and (y0 ^ y1) >> log2 == 0
         if bits == 0 and in_one:  # a queue entry, and no more
             queued[tile] += 1
             continue
-        a, b, c = vertex[t, 0], vertex[t, 1], vertex[t, 2]
+        a, b, c = np.uint32(vertex[t, 0]), np.uint32(vertex[t, 1]), np.uint32(vertex[t, 2])
         lo, hi = depth_limits(zs[a], zs[b], zs[c], depth_range)
         if bits != UNKNOWN and in_one:
             passed, quads = fill_covered(

@@ -20,8 +20,9 @@ Made by `tiler bench --peer llvmpipe --startup --million --page docs/performance
 moment, and no test holds the page to them. What is counted, not timed, is in [the counters](counters.md).
 
 The scene is a displaced torus of bicubic patches, closed and seen whole (`tiler/bench/scenes.py`). The machine is `triangle`
-binning without cull tests, except where a row names another. Stages are timed from outside, around the calls of
-`render_frame`; bounds and cull tests by calls of their own.
+binning without cull tests, except where a row names another. Its frames are drawn by regions, patch by patch
+(`tiler/regions.py`); so the rows of stages are of frames that are drawn stage by stage, as other machines' frames are. Stages
+are timed from outside, around the calls of `render_frame`; bounds and cull tests by calls of their own.
 """
 
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from pipeline.bounds import BOUNDS
 from pipeline.culling import CULL_TESTS, CullTest
 from pipeline.types import HullInput, PatchBounds, Viewport
 from tiler import front_end
+from tiler import machine as machine_module
 from tiler.bench.limits import best_seconds
 from tiler.bench.scenes import PATCHES, torus, with_factor
 from tiler.bench.stopwatch import Stopwatch, timing
@@ -41,17 +43,31 @@ class Stage(NamedTuple):
     threads: int
 
 
+def _none_in_regions(machine: Machine) -> bool:
+    return False
+
+
 def timed_frame(scene: Scene, machine: Machine, threads: int, repeats: int) -> tuple[Frame, Stopwatch]:
-    """The fastest of several frames, with its times, after one that is not timed."""
-    simulate(scene, machine, threads=threads)
-    best: tuple[Frame, Stopwatch] | None = None
-    for _ in range(repeats):
-        with timing() as watch:
-            frame = simulate(scene, machine, threads=threads)
-        if best is None or frame.seconds < best[0].seconds:
-            best = frame, watch
+    """The fastest of several frames, with its times, after one that is not timed. All are drawn stage by stage."""
+    with patch.object(machine_module, "draws_in_regions", _none_in_regions):
+        simulate(scene, machine, threads=threads)
+        best: tuple[Frame, Stopwatch] | None = None
+        for _ in range(repeats):
+            with timing() as watch:
+                frame = simulate(scene, machine, threads=threads)
+            if best is None or frame.seconds < best[0].seconds:
+                best = frame, watch
     assert best is not None
     return best
+
+
+def at_once(scene: Scene, threads: int, repeats: int, where: str) -> Stage:
+    """The baseline's frame where the same is done patch by patch (`tiler/regions.py`)."""
+    frame = simulate(scene, BASELINE, threads=threads)
+    seconds = best_seconds(lambda: simulate(scene, BASELINE, threads=threads), repeats)
+    return Stage(
+        f"whole frame, by regions, {where}", seconds / frame.counters["c_invocations"] * 1e9, "triangle", threads
+    )
 
 
 def frame_stages(frame: Frame, watch: Stopwatch, threads: int, where: str) -> list[Stage]:
@@ -141,6 +157,7 @@ def measure_stages(size: tuple[int, int], threads: int, quick: bool, patches: in
         scene = torus(patches, factor, size)
         for n in dict.fromkeys((1, threads)) if factor == 16 else (1,):
             rows += frame_stages(*timed_frame(scene, BASELINE, n, repeats), n, f"factor {factor}")
+            rows.append(at_once(scene, n, repeats, f"factor {factor}"))
     rows += tile_loop_stages(torus(patches, 16, size), 1, 1 if quick else 3)
     rows += hull_stages(torus(patches, 16, size), repeats)
     return [*rows, *(fixed_cost(n, repeats) for n in dict.fromkeys((1, threads)))]
