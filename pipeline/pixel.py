@@ -13,6 +13,7 @@ from enum import IntEnum
 import numpy as np
 
 from pipeline.jit import helper, inlined, unaliased
+from pipeline.primitives import BACK_FACE
 
 
 class Shade(IntEnum):
@@ -27,17 +28,15 @@ class Shade(IntEnum):
 
 NORMAL, PATCH, WIREFRAME = int(Shade.NORMAL), int(Shade.PATCH), int(Shade.WIREFRAME)
 
-FRAGMENTS = 256  # most fragments of a run
+FRAGMENTS = 512  # most fragments of a run
 LANES = 16  # a run is padded to a multiple of this, and FRAGMENTS is one
-A, B, C, X, Y = (k * FRAGMENTS for k in range(5))  # int32 rows: the triangle's vertices, the pixel
-TRIANGLE, PLACE = (k * FRAGMENTS for k in range(5, 7))  # int32 rows: for the caller
-NUMBERS = 7 * FRAGMENTS  # int32 entries of a run
-FACING = 0  # float32 rows: 1, or -1 of a back face, whose normal is turned to the viewer;
-RED, GREEN, BLUE = (k * FRAGMENTS for k in range(1, 4))  # the surface's colour, 0 .. 1, where it is not CLAY
-VALUES = 4 * FRAGMENTS  # float32 entries of a run
+TRIANGLE, PIXEL = (k * FRAGMENTS for k in range(2))  # int32 rows: the triangle, and where it is seen, x + (y << 16)
+NUMBERS = 2 * FRAGMENTS  # int32 entries of a run
+RED, GREEN, BLUE = (k * FRAGMENTS for k in range(3))  # float32 rows: the surface's colour, 0 .. 1, where it is not CLAY
+COLORS = 3 * FRAGMENTS
 NX, NY, NZ = (k * FRAGMENTS for k in range(3))  # float32 rows: the normal
 NORMALS = 3 * FRAGMENTS
-SCRATCH = NUMBERS + VALUES + NORMALS + FRAGMENTS  # float32 entries that the caller provides
+SCRATCH = NUMBERS + COLORS + NORMALS + FRAGMENTS  # float32 entries that the caller provides
 
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 BYTE = np.float32(255.0)
@@ -86,27 +85,35 @@ def line_darkening(edges, e0, e1, e2, mask):
     return np.float32(0.12 + 0.88 * nearest)
 
 
-@unaliased
-def interpolate(n, numbers, values, xs, ys, ws, nx, ny, nz, normals):
-    """Normals of n fragments, in whole lanes, turned to the viewer: rows NX, NY, NZ of `normals`.
+@inlined
+def pixel_of(numbers, k):
+    """x and y of fragment k."""
+    return numbers[PIXEL + k] & 0xFFFF, numbers[PIXEL + k] >> 16
 
-    numbers : int32[NUMBERS], values : float32[VALUES]; read are rows A, B, C, X, Y and FACING. xs, ys : int32, ws : float32,
-    the window's vertices; nx, ny, nz : float32, their normals. normals : float32[NORMALS], any length.
+
+@unaliased
+def interpolate(n, numbers, vertex, flags, xs, ys, ws, nx, ny, nz, normals):
+    """Normals of n fragments, in whole lanes, turned to the viewer: rows NX, NY, NZ of `normals`, of any length.
+
+    numbers : int32[NUMBERS]. vertex : int32, three to a triangle, flat; flags : uint8, `Triangles.edges`. xs, ys : int32,
+    ws : float32, the window's vertices; nx, ny, nz : float32, their normals. normals : float32[NORMALS].
 
     Corners are taken relative to the pixel's centre: their differences and the edge values, at most 2^49, are exact. All
-    that is loaded and stored is 32 bits wide, so that a vector of fragments is gathered at a time.
+    that is loaded and stored is at most 32 bits wide, so that as many fragments are worked on at a time as a vector holds.
+    Numbers are made unsigned: no index from the end.
     """
     for k in range(whole_lanes(n)):
-        # unsigned: no index from the end
-        a, b, c = np.uint32(numbers[A + k]), np.uint32(numbers[B + k]), np.uint32(numbers[C + k])
-        x, y = (numbers[X + k] << 8) + 128, (numbers[Y + k] << 8) + 128
+        t = np.uint32(numbers[TRIANGLE + k])
+        a, b, c = np.uint32(vertex[3 * t]), np.uint32(vertex[3 * t + 1]), np.uint32(vertex[3 * t + 2])
+        x, y = pixel_of(numbers, k)
+        x, y = (x << 8) + 128, (y << 8) + 128
         px, py = np.float64(np.int32(xs[a] - x)), np.float64(np.int32(ys[a] - y))
         qx, qy = np.float64(np.int32(xs[b] - x)), np.float64(np.int32(ys[b] - y))
         rx, ry = np.float64(np.int32(xs[c] - x)), np.float64(np.int32(ys[c] - y))
         e0, e1, e2 = qx * ry - qy * rx, rx * py - ry * px, px * qy - py * qx
         u, v, w = 1.0 / np.float64(ws[a]), 1.0 / np.float64(ws[b]), 1.0 / np.float64(ws[c])
         scale = 1.0 / ((e0 * u + e1 * v) + e2 * w)
-        facing = values[FACING + k]
+        facing = -ONE if flags[t] & BACK_FACE else ONE
         normals[NX + k] = facing * np.float32(((e0 * (nx[a] * u) + e1 * (nx[b] * v)) + e2 * (nx[c] * w)) * scale)
         normals[NY + k] = facing * np.float32(((e0 * (ny[a] * u) + e1 * (ny[b] * v)) + e2 * (ny[c] * w)) * scale)
         normals[NZ + k] = facing * np.float32(((e0 * (nz[a] * u) + e1 * (nz[b] * v)) + e2 * (nz[c] * w)) * scale)
@@ -164,24 +171,24 @@ def _light_clay(n, light, normals, pixels):
 
 
 @unaliased
-def _light(n, light, values, normals, pixels):
+def _light(n, light, colors, normals, pixels):
     for k in range(whole_lanes(n)):
         lit = _lit(normals, k, light)
-        red, green = _display(values[RED + k], AMBIENT[0], lit), _display(values[GREEN + k], AMBIENT[1], lit)
-        pixels[k] = _pixel(red, green, _display(values[BLUE + k], AMBIENT[2], lit))
+        red, green = _display(colors[RED + k], AMBIENT[0], lit), _display(colors[GREEN + k], AMBIENT[1], lit)
+        pixels[k] = _pixel(red, green, _display(colors[BLUE + k], AMBIENT[2], lit))
 
 
 @helper
-def shade_fragments(n, shading, light, values, normals, pixels):
+def shade_fragments(n, shading, light, colors, normals, pixels):
     """Shade n fragments, in whole lanes: pixels, uint32[FRAGMENTS], RGBA.
 
-    normals : as `interpolate` leaves them (any length; zero where there is none). values : rows RED, GREEN, BLUE are read
-    where `shading` is PATCH or WIREFRAME. light : unit vector to the light.
+    normals : as `interpolate` leaves them (any length; zero where there is none). colors : rows RED, GREEN, BLUE, read where
+    `shading` is PATCH or WIREFRAME. light : unit vector to the light.
     """
     towards = (np.float32(light[0]), np.float32(light[1]), np.float32(light[2]))
     if shading == NORMAL:
         _show_normals(n, normals, pixels)
     elif shading in (PATCH, WIREFRAME):
-        _light(n, towards, values, normals, pixels)
+        _light(n, towards, colors, normals, pixels)
     else:
         _light_clay(n, towards, normals, pixels)

@@ -12,30 +12,24 @@ from pipeline.jit import helper, inlined
 from pipeline.pixel import (
     BLUE,
     CLAY,
-    FACING,
+    COLORS,
     FRAGMENTS,
     GREEN,
     NORMALS,
     NUMBERS,
     ONE,
     PATCH,
-    PLACE,
+    PIXEL,
     RED,
     TRIANGLE,
-    VALUES,
     WIREFRAME,
-    A,
-    B,
-    C,
-    X,
-    Y,
     interpolate,
     line_darkening,
     patch_color,
+    pixel_of,
     shade_fragments,
     whole_lanes,
 )
-from pipeline.primitives import BACK_FACE
 
 STRETCH = FRAGMENTS // 2  # most samples that are listed at a time
 
@@ -50,54 +44,39 @@ def _shows(visible, begin, end):
 
 
 @inlined
-def _append(t, place, x, y, vertex, flags, n, numbers, values):
-    """List pixel (x, y), number `place` of the picture, where triangle t is seen, as fragment n."""
-    k, corner = np.uint32(n), np.uint64(t) * np.uint64(3)  # unsigned: no index from the end
-    numbers[A + k] = vertex[corner]
-    numbers[B + k] = vertex[corner + np.uint64(1)]
-    numbers[C + k] = vertex[corner + np.uint64(2)]
-    numbers[X + k], numbers[Y + k] = x, y
-    numbers[TRIANGLE + k], numbers[PLACE + k] = t, place
-    values[FACING + k] = -ONE if flags[t] & BACK_FACE else ONE
-
-
-@inlined
-def _list(y, x0, x1, width, samples, visible, vertex, flags, n, numbers, values):
+def _list(y, x0, x1, width, samples, visible, n, numbers):
     """List the fragments of pixels x0..x1 of row y behind the n that are listed; the number of all.
 
-    A pixel has one for each run of its samples that show the same triangle. visible, vertex : flat.
+    A pixel has one for each run of its samples that show the same triangle. Each sample is written, and the next over it if
+    it shows nothing new: without a branch, which would be foreseen badly at outlines.
     """
-    row = y * width
+    k = np.uint32(n)  # unsigned: no index from the end
+    row, high = y * width, y << 16
     if samples == 1:
         for x in range(x0, x1 + 1):
             t = visible[np.uint32(row + x)]
-            if t >= 0:
-                _append(t, row + x, x, y, vertex, flags, n, numbers, values)
-                n += 1
-        return n
+            numbers[TRIANGLE + k], numbers[PIXEL + k] = t, high + x
+            k = np.uint32(k + (t >= 0))
+        return np.int64(k)
     for x in range(x0, x1 + 1):
         before = np.int32(-1)
-        for k in range(samples):
-            t = visible[(row + x) * samples + k]
-            if t >= 0 and t != before:
-                _append(t, row + x, x, y, vertex, flags, n, numbers, values)
-                n += 1
+        for s in range(samples):
+            t = visible[(row + x) * samples + s]
+            numbers[TRIANGLE + k], numbers[PIXEL + k] = t, high + x
+            k = np.uint32(k + (t >= 0 and t != before))
             before = t
-    return n
+    return np.int64(k)
 
 
 @helper
-def _pad(n, numbers, values):
+def _pad(n, numbers):
     """Fill whole lanes with copies of the last fragment, whose vertices are there to be read."""
     for k in range(n, whole_lanes(n)):
-        for row in (A, B, C, X, Y):
-            numbers[row + k] = numbers[row + n - 1]
-        values[FACING + k] = values[FACING + n - 1]
-        values[RED + k], values[GREEN + k], values[BLUE + k] = ONE, ONE, ONE
+        numbers[TRIANGLE + k], numbers[PIXEL + k] = numbers[TRIANGLE + n - 1], numbers[PIXEL + n - 1]
 
 
 @helper
-def _tint(n, shading, triangles, window, numbers, values):
+def _tint(n, shading, triangles, window, numbers, colors):
     """The surface's colour at n fragments, where not all are of one: rows RED, GREEN, BLUE."""
     for k in range(n):
         t = numbers[TRIANGLE + k]
@@ -106,42 +85,47 @@ def _tint(n, shading, triangles, window, numbers, values):
             red, green, blue = patch_color(triangles.patch[t])
         line = ONE
         if shading == WIREFRAME:
-            a, b, c = numbers[A + k], numbers[B + k], numbers[C + k]
+            a, b, c = triangles.vertex[t, 0], triangles.vertex[t, 1], triangles.vertex[t, 2]
             xa, ya = np.int64(window.x[a]), np.int64(window.y[a])
             xb, yb = np.int64(window.x[b]), np.int64(window.y[b])
             xc, yc = np.int64(window.x[c]), np.int64(window.y[c])
-            x, y = (np.int64(numbers[X + k]) << 8) + 128, (np.int64(numbers[Y + k]) << 8) + 128
+            x, y = pixel_of(numbers, k)
+            x, y = (np.int64(x) << 8) + 128, (np.int64(y) << 8) + 128
             e0 = (xc - xb) * (y - yb) - (yc - yb) * (x - xb)
             e1 = (xa - xc) * (y - yc) - (ya - yc) * (x - xc)
             e2 = (xb - xa) * (y - ya) - (yb - ya) * (x - xa)
             sides = (xc - xb, yc - yb), (xa - xc, ya - yc), (xb - xa, yb - ya)
             line = line_darkening(sides, e0, e1, e2, triangles.edges[t])
-        values[RED + k], values[GREEN + k], values[BLUE + k] = red * line, green * line, blue * line
+        colors[RED + k], colors[GREEN + k], colors[BLUE + k] = red * line, green * line, blue * line
 
 
 @helper
-def _store(n, samples, visible, numbers, pixels, color):
+def _store(n, width, samples, visible, numbers, pixels, color):
     """Store the colours of n fragments in the samples that show them. color : uint32, flat."""
-    if samples == 1:
-        for k in range(n):
-            color[np.uint32(numbers[PLACE + k])] = pixels[k]
-        return
     for k in range(n):
-        first = np.int64(numbers[PLACE + k]) * samples
+        x, y = pixel_of(numbers, k)
+        if samples == 1:
+            color[np.uint32(y * width + x)] = pixels[k]
+            continue
+        first = (y * width + x) * samples
         for s in range(first, first + samples):
             if visible[s] == numbers[TRIANGLE + k]:
                 color[s] = pixels[k]
 
 
 @helper
-def _shade(n, triangles, window, normal, shading, light, samples, visible, color, numbers, values, normals, pixels):
+def _shade(
+    n, triangles, vertex, window, normal, shading, light, width, samples, visible, color, numbers, colors, normals, pixels
+):  # fmt: skip
     """Shade the n fragments that are listed."""
+    _pad(n, numbers)
     if shading in (PATCH, WIREFRAME):
-        _tint(n, shading, triangles, window, numbers, values)
-    _pad(n, numbers, values)
-    interpolate(n, numbers, values, window.x, window.y, window.w, normal[0], normal[1], normal[2], normals)
-    shade_fragments(n, shading, light, values, normals, pixels)
-    _store(n, samples, visible, numbers, pixels, color)
+        _tint(whole_lanes(n), shading, triangles, window, numbers, colors)
+    interpolate(
+        n, numbers, vertex, triangles.edges, window.x, window.y, window.w, normal[0], normal[1], normal[2], normals
+    )  # fmt: skip
+    shade_fragments(n, shading, light, colors, normals, pixels)
+    _store(n, width, samples, visible, numbers, pixels, color)
 
 
 @helper
@@ -153,10 +137,10 @@ def shade_tile(rect, triangles, window, normal, shading, light, target, scratch)
     """
     width, samples = target.visible.shape[1:]
     visible, color = target.visible.ravel(), target.color.view(np.uint32).ravel()
-    vertex, flags = triangles.vertex.ravel(), triangles.edges
-    numbers, values = scratch[:NUMBERS].view(np.int32), scratch[NUMBERS : NUMBERS + VALUES]
-    normals = scratch[NUMBERS + VALUES : NUMBERS + VALUES + NORMALS]
-    pixels = scratch[NUMBERS + VALUES + NORMALS : pixel.SCRATCH].view(np.uint32)
+    vertex = triangles.vertex.ravel()
+    numbers, colors = scratch[:NUMBERS].view(np.int32), scratch[NUMBERS : NUMBERS + COLORS]
+    normals = scratch[NUMBERS + COLORS : NUMBERS + COLORS + NORMALS]
+    pixels = scratch[NUMBERS + COLORS + NORMALS : pixel.SCRATCH].view(np.uint32)
     stretch = STRETCH // samples  # pixels
     n = 0
     for y in range(rect[1], rect[3] + 1):
@@ -164,11 +148,15 @@ def shade_tile(rect, triangles, window, normal, shading, light, target, scratch)
             continue
         for x0 in range(rect[0], rect[2] + 1, stretch):
             x1 = min(x0 + stretch - 1, rect[2])
-            if n + (x1 - x0 + 1) * samples > FRAGMENTS:
+            if n + (x1 - x0 + 1) * samples >= FRAGMENTS:  # one place is written behind the last
                 _shade(
-                    n, triangles, window, normal, shading, light, samples, visible, color, numbers, values, normals, pixels
+                    n, triangles, vertex, window, normal, shading, light, width, samples, visible, color, numbers, colors,
+                    normals, pixels,
                 )  # fmt: skip
                 n = 0
-            n = _list(y, x0, x1, width, samples, visible, vertex, flags, n, numbers, values)
+            n = _list(y, x0, x1, width, samples, visible, n, numbers)
     if n > 0:
-        _shade(n, triangles, window, normal, shading, light, samples, visible, color, numbers, values, normals, pixels)
+        _shade(
+            n, triangles, vertex, window, normal, shading, light, width, samples, visible, color, numbers, colors, normals,
+            pixels,
+        )  # fmt: skip
