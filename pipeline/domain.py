@@ -37,6 +37,7 @@ from pipeline.domain_rows import (
     BX,
     BY,
     BZ,
+    CORNERS,
     CW,
     CX,
     CY,
@@ -48,6 +49,7 @@ from pipeline.domain_rows import (
     GV,
     HUGE,
     LANES,
+    NETS,
     NX,
     NY,
     NZ,
@@ -120,7 +122,7 @@ def _put_displaced(scale, matrix, s, k):
     s[AX + k], s[AY + k], s[AZ + k] = x if safe else nx, y if safe else ny, z if safe else nz
 
 
-@helper
+@inlined
 def _displace_pass(scale, matrix, s, n):
     """Rows C and A of points displaced along their normals."""
     rows = _matrix_rows(matrix)
@@ -128,7 +130,7 @@ def _displace_pass(scale, matrix, s, n):
         _put_displaced(scale, rows, s, k)
 
 
-@helper
+@inlined
 def _clip_pass(matrix, s, n):
     """Rows C of points that stay where they are: adding 0 n would turn NaN normals into cracks."""
     rows = _matrix_rows(matrix)
@@ -136,7 +138,7 @@ def _clip_pass(matrix, s, n):
         _to_clip(rows, s, k, s[PX + k], s[PY + k], s[PZ + k])
 
 
-@helper
+@inlined
 def _some_unsafe(s, n):
     """Whether some S is 0."""
     count = 0
@@ -146,19 +148,19 @@ def _some_unsafe(s, n):
 
 
 @helper
-def _vector_pass(factor, texcoords, seams, maps, m, s, n, count):
+def _vector_pass(factor, texcoords, seams, maps, m, s, ints, places, n, count):
     """Rows P: displaced by the vectors of map m; rows A: unit normal of that surface. Derivatives are `factor` A and B.
 
     seams : of one or no seam_edges and seam_corners. count : points that are not there to fill up a vector.
     """
     turn, planes = maps.turn[m], maps.planes[m]
-    locate(texcoords, maps, planes[0], s, n)
+    locate(texcoords, maps, planes[0], s, ints, n)
     for r in range(6):
         for k in range(n):
             s[AX + r * ROW + k] = factor * s[AX + r * ROW + k]
     for c in range(3):
         value = DX + c * ROW
-        look_up(texcoords, maps, planes[c], value, s, n)
+        look_up(texcoords, maps, planes[c], value, s, places, n)
         if len(seams[0]) > 0:
             write_seam_values(
                 seams[0][0], seams[1][0], maps, planes[c], _row(s, U, count), _row(s, V, count), _row(s, value, count)
@@ -184,9 +186,9 @@ def _vector_pass(factor, texcoords, seams, maps, m, s, n, count):
         s[AZ + k] = x2 / length if safe else s[NZ + k]
 
 
-@helper
-def _shade_bezier(cp, rational, texcoords, map_id, maps, matrix, grid, first, s, count):
-    """Shade the points in rows U and V of scratch s, of a Bezier patch: `count` of them, and what fills up the last vector.
+@inlined
+def _shade_bezier(cp, rational, grid, first, s, count):
+    """Surface and normals of a Bezier patch at the points in rows U and V: `count` of them, and what fills up a vector.
 
     grid, first : as in `domain_surfaces.bezier_passes`.
     """
@@ -194,17 +196,25 @@ def _shade_bezier(cp, rational, texcoords, map_id, maps, matrix, grid, first, s,
     bezier_passes(cp, rational, grid, first, s, n)
     if _some_unsafe(s, n):
         mend_bezier_normals(cp, rational, s, n)
+
+
+@inlined
+def _displace_bezier(texcoords, map_id, maps, matrix, s, ints, places, n):
+    """What follows `_shade_bezier`. ints, places : s as int32 and as uint32.
+
+    Apart from it, as references to the maps would be counted where some call between might give one back.
+    """
     if map_id >= 0:
-        locate(texcoords, maps, map_id, s, n)
-        look_up(texcoords, maps, map_id, T, s, n)
+        locate(texcoords, maps, map_id, s, ints, n)
+        look_up(texcoords, maps, map_id, T, s, places, n)
         _displace_pass(THREE, matrix, s, n)
     else:
         _clip_pass(matrix, s, n)
 
 
 @helper
-def _shade_surface(shape, edges, texcoords, map_id, maps, matrix, grid, first, s, count):
-    """As `_shade_bezier`, for any patch.
+def _shade_surface(shape, edges, texcoords, map_id, maps, matrix, grid, first, s, ints, places, count):
+    """Both, for any patch.
 
     shape : control points, rational, and arrays of one or no tangent_u, tangent_v and inner. edges : of one or no edge_row
     and corner_row, edge_normals and corner_normals, and of one or no seam_edges and seam_corners.
@@ -223,15 +233,15 @@ def _shade_surface(shape, edges, texcoords, map_id, maps, matrix, grid, first, s
     by_vectors = map_id >= 0 and maps.planes[map_id, 0] >= 0
     u, v = _row(s, U, count), _row(s, V, count)
     if by_vectors:
-        _vector_pass(factor, texcoords, (edges[4], edges[5]), maps, map_id, s, n, count)
+        _vector_pass(factor, texcoords, (edges[4], edges[5]), maps, map_id, s, ints, places, n, count)
     elif len(edges[0]) > 0:
         write_edge_normals(
             edges[0][0], edges[1][0], edges[2], edges[3], map_id < 0, u, v, _row(s, NX, count), _row(s, NY, count),
             _row(s, NZ, count), _row(s, CX, SPACE),
         )  # fmt: skip
     if map_id >= 0 and not by_vectors:
-        locate(texcoords, maps, map_id, s, n)
-        look_up(texcoords, maps, map_id, T, s, n)
+        locate(texcoords, maps, map_id, s, ints, n)
+        look_up(texcoords, maps, map_id, T, s, places, n)
         if len(edges[4]) > 0:
             write_seam_values(edges[4][0], edges[5][0], maps, map_id, u, v, _row(s, T, count))
         _displace_pass(factor, matrix, s, n)
@@ -260,7 +270,7 @@ def _shape_of(patches, p):
     return shape, edges
 
 
-@helper
+@inlined
 def _load_points(uv, first, n, s):
     """Rows U and V: the points first .. first + n - 1; a full vector and one more are filled up with the last of them."""
     first = np.uint64(first)  # an index without a sign needs no test
@@ -276,17 +286,28 @@ def _store_row(s, row, out, c, first, n):
         out[c, first + np.uint64(i)] = s[row + i]
 
 
-@helper
+@inlined
 def _store_points(points, first, displaced, s, n):
     """What was found of the n points, into their places from `first` on."""
-    first, clip, normal = np.uint64(first), points.clip, points.normal
+    first = np.uint64(first)
     for c in range(4):
-        _store_row(s, CX + c * ROW, clip, c, first, n)
+        _store_row(s, CX + c * ROW, points.clip, c, first, n)
     for c in range(3):
         if displaced:
-            _store_row(s, AX + c * ROW, normal, c, first, n)
+            _store_row(s, AX + c * ROW, points.normal, c, first, n)
         else:
-            _store_row(s, NX + c * ROW, normal, c, first, n)
+            _store_row(s, NX + c * ROW, points.normal, c, first, n)
+
+
+@inlined
+def _copy_patch(patches, p, cp, texcoords):
+    """Control points and texture coordinates of patch p: slices of its own would be counted references, slow ones."""
+    for i in range(4):
+        for j in range(4):
+            for c in range(4):
+                cp[i, j, c] = patches.control_points[p, i, j, c]
+        for c in range(2):
+            texcoords[i, c] = patches.texcoords[p, i, c]
 
 
 @kernel
@@ -297,6 +318,8 @@ def shade_patches(begin, end, live, patches, patterns, maps, matrix, points, scr
     scratch : float32[SCRATCH], the caller's, one for each thread.
     """
     last, grid = -1, (0, 0)
+    ints, places = scratch.view(np.int32), scratch.view(np.uint32)
+    cp, texcoords = scratch[NETS:CORNERS].reshape(4, 4, 4), scratch[CORNERS:SCRATCH].reshape(4, 2)
     for k in range(begin, end):
         p = live[k]
         pattern = patterns.of_patch[p]
@@ -304,7 +327,8 @@ def shade_patches(begin, end, live, patches, patterns, maps, matrix, points, scr
         count = patterns.first_point[pattern + 1] - source
         if pattern != last:
             last, grid = pattern, find_grid(patterns.uv[0, source : source + count], scratch)
-        cp, texcoords, map_id = patches.control_points[p], patches.texcoords[p], patches.map_id[p]
+        map_id = patches.map_id[p]
+        _copy_patch(patches, p, cp, texcoords)
         plain = (
             patches.tangent_id[p] < 0
             and patches.gregory_id[p] < 0
@@ -316,8 +340,9 @@ def shade_patches(begin, end, live, patches, patterns, maps, matrix, points, scr
             n = min(size, count - first)
             _load_points(patterns.uv, source + first, n, scratch)
             if plain:
-                _shade_bezier(cp, patches.rational[p], texcoords, map_id, maps, matrix, grid, first, scratch, n)
+                _shade_bezier(cp, patches.rational[p], grid, first, scratch, n)
+                _displace_bezier(texcoords, map_id, maps, matrix, scratch, ints, places, filled(n))
             else:
                 shape, edges = _shape_of(patches, p)
-                _shade_surface(shape, edges, texcoords, map_id, maps, matrix, grid, first, scratch, n)
+                _shade_surface(shape, edges, texcoords, map_id, maps, matrix, grid, first, scratch, ints, places, n)
             _store_points(points, points.first[k] + first, map_id >= 0, scratch, n)

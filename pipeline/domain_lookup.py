@@ -1,14 +1,15 @@
 """Passes over rows: displacement by a map at the points (u, v) of a block, and its derivatives along u and v.
 
 The same values as `displacement.fetch`, bit for bit, in three passes: where the texels lie, for all points at once; the texels,
-one after the other; the sums, for all points at once.
+one after the other; the sums, for all points at once. `ints` and `places` are the scratch as
+int32 and as uint32: an index without a sign needs no test.
 """
 
 import numpy as np
 
 from pipeline.displacement import CLAMP, FAR_TEXEL, HALF, MIRROR, texel
 from pipeline.domain_rows import FX, FY, GU, GV, I0, I1, J0, J1, ONE, T00, T01, T10, T11, ZERO, U, V
-from pipeline.jit import helper, inlined
+from pipeline.jit import inlined
 
 
 @inlined
@@ -70,10 +71,9 @@ def _address_pass(row, second, size, mode, ints, n):
             ints[row + k], ints[second + k] = texel(i, size, mode), texel(i + 1, size, mode)
 
 
-@helper
-def locate(texcoords, maps, m, s, n):
+@inlined
+def locate(texcoords, maps, m, s, ints, n):
     """Where the four texels of map m lie for each of the n points in rows U and V: rows FX and FY, I0, I1, J0 and J1."""
-    ints = s.view(np.int32)
     width, height, mode = np.int64(maps.size[m, 0]), np.int64(maps.size[m, 1]), maps.address[m]
     _locate_pass(
         _corners(texcoords, 0), _corners(texcoords, 1), np.float32(maps.size[m, 0]), np.float32(maps.size[m, 1]), s, ints, n
@@ -82,16 +82,12 @@ def locate(texcoords, maps, m, s, n):
     _address_pass(J0, J1, height, mode, ints, n)
 
 
-@helper
-def fetch_texels(maps, m, s, places, n):
-    """Rows T00, T10, T01, T11: the texels of map m. places : the rows as uint32: an index without a sign needs no test.
-
-    No vectors here, so it is kept as short as can be.
-    """
-    texels, width = maps.texels[maps.first[m] : maps.first[m + 1]], np.uint64(maps.size[m, 0])
+@inlined
+def _fetch_texels(texels, first, width, s, places, n):
+    """Rows T00, T10, T01, T11: the texels of a map. No vectors here, so it is kept as short as can be."""
     for k in range(n):
         i0, i1 = np.uint64(places[I0 + k]), np.uint64(places[I1 + k])
-        row0, row1 = width * np.uint64(places[J0 + k]), width * np.uint64(places[J1 + k])
+        row0, row1 = first + width * np.uint64(places[J0 + k]), first + width * np.uint64(places[J1 + k])
         s[T00 + k] = texels[row0 + i0]
         s[T10 + k] = texels[row0 + i1]
         s[T01 + k] = texels[row1 + i0]
@@ -124,13 +120,13 @@ def _filter_pass(a, b, width, height, scale, bias, value, s, n):
         s[GV + k] = to_x * (gx * s_v) + to_y * (gy * t_v)
 
 
-@helper
-def look_up(texcoords, maps, m, value, s, n):
+@inlined
+def look_up(texcoords, maps, m, value, s, places, n):
     """Row `value`: the displacement by map m at the n points in rows U and V; rows GU and GV: its derivatives along u and v.
 
     The points are those that `locate` was called for, perhaps for another component of the same map of vectors.
     """
-    fetch_texels(maps, m, s, s.view(np.uint32), n)
+    _fetch_texels(maps.texels, np.uint64(maps.first[m]), np.uint64(maps.size[m, 0]), s, places, n)
     width, height = np.float32(maps.size[m, 0]), np.float32(maps.size[m, 1])
     a, b = _corners(texcoords, 0), _corners(texcoords, 1)
     _filter_pass(a, b, width, height, maps.scale[m], maps.bias[m], value, s, n)

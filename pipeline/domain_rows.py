@@ -29,7 +29,11 @@ TABLE_ROW = 72
 TABLE_U = 31 * ROW
 TABLE = TABLE_U + TABLE_ROW
 
-SCRATCH = TABLE + 33 * TABLE_ROW  # float32 entries that the caller provides
+# Control points and texture coordinates of the patch at hand.
+NETS = TABLE + 33 * TABLE_ROW
+CORNERS = NETS + 64
+
+SCRATCH = CORNERS + 8  # float32 entries that the caller provides
 
 POSITIVE = 511  # mask of places in a row: tells the compiler that they are not negative, and that they stay in the row
 
