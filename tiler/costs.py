@@ -1,6 +1,6 @@
 """What each bounding algorithm costs, in invocations of the domain shader: Munkberg et al. 2010, Table 1.
 
-Run as `python -m tiler.costs`. Two measures, over the same smooth displaced patches:
+Run as `python -m tiler.costs`. Three measures, over the same smooth displaced patches:
 
 - *time* of the batched kernels on this machine, one thread, best of many runs;
 - *operations*: float additions, subtractions, multiplications, divisions, square roots, roundings to whole numbers, and
@@ -8,6 +8,7 @@ Run as `python -m tiler.costs`. Two measures, over the same smooth displaced pat
   machine's vectors are. Counted exactly and the same on every machine: the sources of `pipeline` are loaded once more with
   every operator rewritten to count when its result is a float, and run by the Python interpreter on a few patches. What the
   compiler shares or moves out of loops is counted as the source says it; operations on constants alone are not counted.
+- *compiled*: the same operations, counted in the machine's own code by `compiled_costs`.
 
 A bound's cost has three parts: the box itself, the lookup in the min-max pyramid, and `project_box` (clip-space corners,
 screen rectangle, depth), which is the same for all algorithms and no part of the paper's figures. "box" is the first part
@@ -229,7 +230,7 @@ def _counting_pipeline(tally: Tally) -> Iterator[None]:
 GRID = 16  # domain points along an edge, less one
 
 
-def _sample(n: int, displaced: bool) -> HullInput:
+def sample_patches(n: int, displaced: bool) -> HullInput:
     """n smooth patches in front of a camera, each reading its own part of one map."""
     rng = np.random.default_rng(0)
     i, j = np.meshgrid(np.arange(4), np.arange(4), indexing="ij")
@@ -245,7 +246,7 @@ def _sample(n: int, displaced: bool) -> HullInput:
     return make_input(patches, maps, matrix, Viewport(0, 0, 1280, 720, 0.0, 1.0))
 
 
-def _shader_call(stage: HullInput) -> tuple[Any, ...]:
+def shader_call(stage: HullInput) -> tuple[Any, ...]:
     """Arguments of `domain.shade_patches` for a grid of GRID x GRID squares on every patch.
 
     Column after column: of points in rows the shader shares sums over u, and an invocation would not be counted whole.
@@ -282,7 +283,8 @@ class Operations(NamedTuple):
         return sum(self.kinds.get(kind, 0.0) for kind in ARITHMETIC)
 
 
-def _operations(tally: Tally, invocations: int) -> Operations:
+def split_operations(tally: Tally, invocations: int) -> Operations:
+    """What was tallied, for one of so many invocations."""
     lookup = sum(count for (module, _), count in tally.items() if module in LOOKUP_MODULES)
     project = sum(count for (module, _), count in tally.items() if module == PROJECT_MODULE)
     kinds: Counter[str] = Counter()
@@ -295,21 +297,21 @@ def _operations(tally: Tally, invocations: int) -> Operations:
 
 def count_operations(num_patches: int = 4) -> dict[str, Operations]:
     """Operations a patch for each of `BOUNDS`; a point for "domain shader" and "domain shader, map". Takes seconds."""
-    displaced, plain = _sample(num_patches, True), _sample(num_patches, False)
+    displaced, plain = sample_patches(num_patches, True), sample_patches(num_patches, False)
     tally: Tally = Counter()
     counts = {}
     with _counting_pipeline(tally), np.errstate(all="ignore"):
         shader = importlib.import_module("pipeline.domain")
         bounds = importlib.import_module("pipeline.bounds").BOUNDS
         for name, stage in (("domain shader", plain), ("domain shader, map", displaced)):
-            one = _shader_call(stage)
+            one = shader_call(stage)
             tally.clear()
             shader.shade_patches(0, 1, *one[2:])
-            counts[name] = _operations(tally, (GRID + 1) ** 2)
+            counts[name] = split_operations(tally, (GRID + 1) ** 2)
         for name, bound in bounds.items():
             tally.clear()
             bound(displaced)
-            counts[name] = _operations(tally, num_patches)
+            counts[name] = split_operations(tally, num_patches)
     return counts
 
 
@@ -318,7 +320,7 @@ CULL_SAMPLE = 32  # patches: full blocks of lanes of every back-patch test
 
 def count_cull_operations(names: Sequence[str]) -> dict[str, float]:
     """Operations a patch of cull tests, names of `CULL_TESTS`, on smooth patches that all of them look at. Takes seconds."""
-    stage = _sample(CULL_SAMPLE, False)._replace(eye=np.array([0.3, 0.2, 9.0]), face_cull=int(FaceCull.BACK))
+    stage = sample_patches(CULL_SAMPLE, False)._replace(eye=np.array([0.3, 0.2, 9.0]), face_cull=int(FaceCull.BACK))
     bounds = bounds_module.BOUNDS["cbox"](stage)
     tally: Tally = Counter()
     counts = {}
@@ -369,11 +371,11 @@ def box_name(name: str) -> str:
 def measure_times(num_patches: int = 2000, repeats: int = 50) -> dict[str, float]:
     """Seconds a patch for each of `BOUNDS`, each box of `BOXES` (`box_name`), "lookup" and "projection"; a point for the
     domain shader without and with map."""
-    displaced = _sample(num_patches, True)
+    displaced = sample_patches(num_patches, True)
     few = max(1, num_patches // 100)  # a run short enough that another process seldom comes between
     runs: dict[str, tuple[Callable[[], Any], int]] = {}
     for name, with_map in (("domain shader", False), ("domain shader, map", True)):
-        call = _shader_call(_sample(few, with_map))
+        call = shader_call(sample_patches(few, with_map))
         runs[name] = partial(domain.shade_patches, *call), few * (GRID + 1) ** 2
     ranges, some = displacement_ranges(displaced), bounds_module.BOUNDS["cbox"](displaced)
     runs["lookup"] = partial(displacement_ranges, displaced), num_patches
@@ -395,8 +397,11 @@ def _row(cells: list[str]) -> str:
 
 
 def cost_table() -> str:
-    """The table, as text: one line for each of `BOUNDS`. Measures; takes about half a minute, more where kernels compile."""
+    """The table, as text: one line for each of `BOUNDS`. Measures; takes minutes, as kernels are compiled with counters."""
+    from tiler.compiled_costs import available, count_compiled  # which takes its patches from here
+
     counts, times = count_operations(), measure_times()
+    compiled = count_compiled() if available() else {}
     plain, mapped = counts["domain shader"], counts["domain shader, map"]
     plain_time, mapped_time = times["domain shader"], times["domain shader, map"]
     lines = [
@@ -406,25 +411,46 @@ def cost_table() -> str:
         f"in each 'all': projection {times['projection'] * 1e9:.0f} ns; "
         f"pyramid lookup, where made, {times['lookup'] * 1e9:.0f} ns",
         "",
-        _row(["", "box", "box", "all", "all", "ns", "ops", "ops", "paper", "paper"]),
-        _row(["algorithm", "time", "ops", "time", "ops", "all", "box", "all", "instr.", "CPU"]),
+        _row(["", "box", "box", "box", "all", "all", "all", "ns", "ops", "ops", "compiled", "paper", "paper"]),
+        _row(
+            [
+                "algorithm",
+                "time",
+                "ops",
+                "compiled",
+                "time",
+                "ops",
+                "compiled",
+                "all",
+                "box",
+                "all",
+                "all",
+                "instr.",
+                "CPU",
+            ]
+        ),
     ]
+    if compiled:
+        one, other = compiled["domain shader"].total, compiled["domain shader, map"].total
+        lines.insert(
+            2, f"compiled, one invocation: {one:.0f} operations; with a displacement map {other:.0f} operations"
+        )
     for name in bounds_module.BOUNDS:
-        count, total_time = counts[name], times[name]
+        count, total_time, counted = counts[name], times[name], compiled.get(name)
         rest = total_time - times["projection"] - (times["lookup"] if count.lookup else 0.0)
         box_time = times.get(box_name(name), rest)
+        box = counted.box / compiled["domain shader"].total if counted else None
+        all_ = counted.total / compiled["domain shader, map"].total if counted else None
         ratios = (
-            box_time / plain_time,
-            count.box / plain.total,
-            total_time / mapped_time,
-            count.total / mapped.total,
-        )
-        cells = [name, *(f"{ratio:.1f}" for ratio in ratios), f"{total_time * 1e9:.0f}"]
-        cells += [f"{count.box:.0f}", f"{count.total:.0f}"]
+            box_time / plain_time, count.box / plain.total, box, total_time / mapped_time, count.total / mapped.total, all_,
+        )  # fmt: skip
+        cells = [name, *("-" if ratio is None else f"{ratio:.1f}" for ratio in ratios), f"{total_time * 1e9:.0f}"]
+        cells += [f"{count.box:.0f}", f"{count.total:.0f}", f"{counted.total:.0f}" if counted else "-"]
         lines.append(_row(cells + [f"{x:g}" for x in PAPER.get(name, ())]))
     lines += [
         "",
-        "time: this machine, one thread, best of many. ops: float operations of the source, comparisons included.",
+        "time: this machine, one thread, best of many. ops: float operations of the source, comparisons included; compiled: of",
+        "the compiled code, all lanes of its vectors; the two of taylor are not compiled with counters, which takes minutes.",
         "box: the box alone against a shader without a map; all: with pyramid lookup and projection against one with a map.",
     ]
     return "\n".join(lines)
