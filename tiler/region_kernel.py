@@ -18,7 +18,7 @@ from tiler.rasterizer import BIT_COUNT, IN_LOOP, depth_limits, fill_covered, fil
 from tiler.shading import shade_tile
 from tiler.tile import TILE_GRID, TileCount, clear_rect, draw_grid, forget_rect, resolve_rect
 
-POINTS = 1 << 14  # domain points shaded together: they and their triangles stay in the second-level cache
+POINTS = 1 << 15  # domain points shaded together: they and their triangles stay in the second-level cache
 TRIANGLES = 2 * POINTS
 ADDED = 1 << 15  # vertices, and triangles, that the clipper may add to them
 
