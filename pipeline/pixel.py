@@ -31,7 +31,8 @@ NORMAL, PATCH, WIREFRAME = int(Shade.NORMAL), int(Shade.PATCH), int(Shade.WIREFR
 FRAGMENTS = 512  # most fragments of a run
 LANES = 16  # a run is padded to a multiple of this, and FRAGMENTS is one
 TRIANGLE, PIXEL = (k * FRAGMENTS for k in range(2))  # int32 rows: the triangle, and where it is seen, x + (y << 16)
-NUMBERS = 2 * FRAGMENTS  # int32 entries of a run
+A, B, C = (k * FRAGMENTS for k in range(2, 5))  # int32 rows: the triangle's vertices
+NUMBERS = 5 * FRAGMENTS  # int32 entries of a run
 RED, GREEN, BLUE = (k * FRAGMENTS for k in range(3))  # float32 rows: the surface's colour, 0 .. 1, where it is not CLAY
 COLORS = 3 * FRAGMENTS
 NX, NY, NZ = (k * FRAGMENTS for k in range(3))  # float32 rows: the normal
@@ -95,16 +96,21 @@ def pixel_of(numbers, k):
 def interpolate(n, numbers, vertex, flags, xs, ys, ws, nx, ny, nz, normals):
     """Normals of n fragments, in whole lanes, turned to the viewer: rows NX, NY, NZ of `normals`, of any length.
 
-    numbers : int32[NUMBERS]. vertex : int32, three to a triangle, flat; flags : uint8, `Triangles.edges`. xs, ys : int32,
-    ws : float32, the window's vertices; nx, ny, nz : float32, their normals. normals : float32[NORMALS].
+    numbers : int32[NUMBERS], of which rows TRIANGLE and PIXEL are given. vertex : int32, three to a triangle, flat; flags :
+    uint8, `Triangles.edges`. xs, ys : int32, ws : float32, the window's vertices; nx, ny, nz : float32, their normals.
+    normals : float32[NORMALS].
 
     Corners are taken relative to the pixel's centre: their differences and the edge values, at most 2^49, are exact. All
     that is loaded and stored is at most 32 bits wide, so that as many fragments are worked on at a time as a vector holds.
-    Numbers are made unsigned: no index from the end.
+    Numbers are made unsigned: no index from the end. Vertices are looked up in a loop of their own: in one loop, a processor
+    that waits for them from memory looks ahead at too few fragments.
     """
     for k in range(whole_lanes(n)):
         t = np.uint32(numbers[TRIANGLE + k])
-        a, b, c = np.uint32(vertex[3 * t]), np.uint32(vertex[3 * t + 1]), np.uint32(vertex[3 * t + 2])
+        numbers[A + k], numbers[B + k], numbers[C + k] = vertex[3 * t], vertex[3 * t + 1], vertex[3 * t + 2]
+    for k in range(whole_lanes(n)):
+        t = np.uint32(numbers[TRIANGLE + k])
+        a, b, c = np.uint32(numbers[A + k]), np.uint32(numbers[B + k]), np.uint32(numbers[C + k])
         x, y = pixel_of(numbers, k)
         x, y = (x << 8) + 128, (y << 8) + 128
         px, py = np.float64(np.int32(xs[a] - x)), np.float64(np.int32(ys[a] - y))

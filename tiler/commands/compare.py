@@ -56,6 +56,7 @@ def compare(
     from tiler.animation import blame_record, verify_record
     from tiler.comparison import compare as run
     from tiler.progress import Progress
+    from tiler.shared import Shared
     from tiler.simulation import simulate
     from tiler.warmup import warm_up
 
@@ -72,7 +73,7 @@ def compare(
             cost_model.bound_cost(cost_model.load_cost_model(cost), made_of, cost)  # before anything is drawn
     with Progress(f"comparing on {opened.name}", len(machines), quiet) as bar:
         # What is done once must not be charged to the first machine: kernels, the scene's patterns and packed maps.
-        warm_up(machines.values())
+        warm_up(machines.values(), Shared())
         simulate(opened, next(iter(machines.values())), frame=frame, threads=threads)
         comparison = run(opened, machines, frame=frame, threads=threads, progress=bar.update)
     if report is not None:
