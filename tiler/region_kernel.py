@@ -13,7 +13,8 @@ import numpy as np
 from pipeline import domain, pixel, primitives
 from pipeline.inside import UNKNOWN, Lanes, make_lanes
 from pipeline.jit import helper, kernel
-from pipeline.types import F32, F64, I64, U8, DomainPoints, Triangles
+from pipeline.types import F32, F64, I64, U8, DomainPoints, Triangles, Window
+from tiler.front_end import allocate_window
 from tiler.rasterizer import BIT_COUNT, IN_LOOP, depth_limits, fill_covered, fill_small, rasterize
 from tiler.shading import shade_tile
 from tiler.tile import TILE_GRID, TileCount, clear_rect, draw_grid, forget_rect, resolve_rect
@@ -57,40 +58,42 @@ class Space(NamedTuple):
     pixels: F32
 
 
-def make_space(most_points: int, num_tiles: int) -> Space:
-    """Scratch for patterns of at most so many points."""
-    lanes = make_lanes(most_points)
-    return Space(
-        np.empty(max(POINTS, most_points) + ADDED, np.uint8),
-        np.zeros(num_tiles, np.int64),
-        np.empty(domain.SCRATCH, np.float32),
-        np.empty((2 * primitives.MAX_CORNERS, primitives.POLYGON)),
-        lanes.corner,
-        lanes.rows,
-        np.empty(pixel.SCRATCH, np.float32),
-    )
+class Room(NamedTuple):
+    """What one thread needs for a group of patches. `first` and `used`, which are of a region's patches, are missing."""
+
+    points: DomainPoints
+    window: Window
+    triangles: Triangles
+    space: Space
 
 
-def make_points(patches: int, most_points: int) -> DomainPoints:
-    """Room for the domain points of patches that are shaded together, and for the normals of the clipper's vertices."""
-    n = max(POINTS, most_points)
-    return DomainPoints(
-        np.zeros(patches + 1, np.int64), np.empty((4, n), np.float32), np.empty((3, n + ADDED), np.float32)
-    )
-
-
-def make_triangles(patches: int, most_triangles: int) -> Triangles:
-    """Room for their triangles, and those that the clipper adds."""
-    n = max(TRIANGLES, most_triangles) + ADDED
-    return Triangles(
-        first=np.zeros(patches + 1, np.int64),
-        used=np.zeros(patches, np.int32),
-        vertex=np.empty((n, 3), np.int32),
-        box=np.empty((n, 4), np.int16),
-        cover=np.empty(n, np.uint8),
-        edges=np.empty(n, np.uint8),
-        patch=np.empty(n, np.int32),
-        source=np.empty(n, np.int32),
+def make_room(most_points: int, most_triangles: int, num_tiles: int) -> Room:
+    """Room for patterns of at most so many points and triangles: for a group, and for what the clipper adds to it."""
+    points, lanes = max(POINTS, most_points), make_lanes(most_points)
+    vertices, triangles = points + ADDED, max(TRIANGLES, most_triangles) + ADDED
+    nothing = np.empty(0, np.int64)
+    return Room(
+        DomainPoints(nothing, np.empty((4, points), np.float32), np.empty((3, vertices), np.float32)),
+        allocate_window(vertices),
+        Triangles(
+            first=nothing,
+            used=np.empty(0, np.int32),
+            vertex=np.empty((triangles, 3), np.int32),
+            box=np.empty((triangles, 4), np.int16),
+            cover=np.empty(triangles, np.uint8),
+            edges=np.empty(triangles, np.uint8),
+            patch=np.empty(triangles, np.int32),
+            source=np.empty(triangles, np.int32),
+        ),
+        Space(
+            np.empty(vertices, np.uint8),
+            np.zeros(num_tiles, np.int64),
+            np.empty(domain.SCRATCH, np.float32),
+            np.empty((2 * primitives.MAX_CORNERS, primitives.POLYGON)),
+            lanes.corner,
+            lanes.rows,
+            np.empty(pixel.SCRATCH, np.float32),
+        ),
     )
 
 

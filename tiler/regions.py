@@ -14,19 +14,24 @@ from pipeline.primitives import NUM_OUTCOMES
 from pipeline.types import I32, I64, DisplacementMaps, FaceCull, Patches, Patterns, Viewport
 from tiler.back_end import NO_ORDER, unit_vector
 from tiler.config import Machine
-from tiler.front_end import allocate_window, split_batches
+from tiler.front_end import split_batches
 from tiler.grid import Grid
 from tiler.host import Host
 from tiler.rasterizer import MARGIN, SAMPLE_X, SAMPLE_Y
-from tiler.region_kernel import ADDED, POINTS, Ended, draw_region, make_points, make_space, make_triangles
+from tiler.region_kernel import Ended, Room, draw_region, make_room
 from tiler.scene.camera import Camera
 from tiler.scene.model import Scene
 from tiler.tile import NUM_TILE_COUNTS, Target
 
 BATCH_POINTS = 1 << 22  # domain points between two reports of progress
-REGIONS = 4  # for each thread, if there are several: so that unequal ones even out
+REGIONS = 2  # for each thread, if there are several: so that unequal ones even out; more have more patches on borders
+PIXELS_OF_A_POINT = 2  # of a patch's rectangle, that cost about what one of its domain points does
 
 Rect = tuple[int, int, int, int]
+
+# Rooms that no thread is in, with their sizes: fresh memory for each region of each frame would cost more than clearing the
+# picture. A list's `append` and `pop` are whole for any thread.
+_rooms: list[tuple[tuple[int, int, int], Room]] = []
 
 
 class Drawn(NamedTuple):
@@ -75,6 +80,12 @@ def cut_regions(rect: I32, weight: I64, grid: Grid, most: int) -> list[Rect]:
     ]
 
 
+def _num_pixels(rect: I32) -> I64:
+    """Pixels of rectangles x0, y0, x1, y1, ends exclusive."""
+    size = np.maximum(rect[:, 2:].astype(np.int64) - rect[:, :2], 0)
+    return size[:, 0] * size[:, 1]
+
+
 def draw_frame_in_regions(
     scene: Scene, live: I32, rect: I32, patches: Patches, patterns: Patterns, maps: DisplacementMaps, camera: Camera,
     viewport: Viewport, grid: Grid, target: Target, host: Host, progress: Callable[[float], None],
@@ -95,7 +106,7 @@ def draw_frame_in_regions(
     done = 0
     for b, batch in enumerate(batches):
         first, last = b == 0, b == len(batches) - 1
-        weight = sizes[patterns.of_patch[batch]]
+        weight = sizes[patterns.of_patch[batch]] + _num_pixels(rect[batch]) // PIXELS_OF_A_POINT
         regions = cut_regions(rect[batch], weight, grid, 1 if host.threads == 1 else REGIONS * host.threads)
         part = Drawn(drawn.outcomes[done : done + len(batch)], drawn.num_used[done : done + len(batch)], *drawn[2:])
         ended = _draw_batch(
@@ -107,6 +118,18 @@ def draw_frame_in_regions(
         done += len(batch)
         progress((b + 1) / len(batches))
     return drawn
+
+
+def _take_room(sizes: tuple[int, int, int]) -> Room:
+    """A room of these sizes (`region_kernel.make_room`): an empty one or a new one. Those of other sizes are forgotten."""
+    while _rooms:
+        try:
+            found, room = _rooms.pop()
+        except IndexError:  # another thread took it
+            break
+        if found == sizes:
+            return room
+    return make_room(*sizes)
 
 
 def _draw_batch(
@@ -123,8 +146,11 @@ def _draw_batch(
     background = np.array([*picture.background, 255], np.uint8)
     shading, light = int(pixel.Shade[picture.shading.upper()]), unit_vector(scene.light)
     face_cull = int(FaceCull[scene.face_cull.upper()])
-    most_points = int(np.diff(patterns.first_point).max(initial=0))
-    most_triangles = int(np.diff(patterns.first_triangle).max(initial=0))
+    sizes = (
+        int(np.diff(patterns.first_point).max(initial=0)),
+        int(np.diff(patterns.first_triangle).max(initial=0)),
+        grid.num_tiles,
+    )
     ended = np.zeros(len(regions), np.int64)
     nowhere = (rect[:, 0] >= rect[:, 2]) | (rect[:, 1] >= rect[:, 3])
 
@@ -134,13 +160,16 @@ def _draw_batch(
         mine = np.flatnonzero(touches | nowhere if r == 0 else touches)
         n = len(mine)
         outcomes, num_used = np.zeros((n, NUM_OUTCOMES), np.int64), np.zeros(n, np.int64)
+        room = _take_room(sizes)
         ended[r] = draw_region(
             batch[mine], patches, patterns, maps, camera.clip_from_world, viewport, guard, bounds, pattern[2], face_cull,
             rect[mine], region, grid, pattern, depth_range, background, shading, light, first, last,
-            make_points(n, most_points), allocate_window(max(POINTS, most_points) + ADDED), make_triangles(n, most_triangles),
-            np.empty(n + 1, np.int64), np.empty(n, np.int64), outcomes, num_used, NO_ORDER, target, drawn.counts, drawn.most,
-            make_space(most_points, grid.num_tiles),
+            room.points._replace(first=np.zeros(n + 1, np.int64)), room.window,
+            room.triangles._replace(first=np.zeros(n + 1, np.int64), used=np.zeros(n, np.int32)), np.empty(n + 1, np.int64),
+            np.empty(n, np.int64), outcomes, num_used, NO_ORDER, target, drawn.counts, drawn.most, room.space,
         )  # fmt: skip
+        if ended[r] == int(Ended.DRAWN):
+            _rooms.append((sizes, room))
         drawn.outcomes[mine], drawn.num_used[mine] = outcomes, num_used  # the same from each region that has the patch
 
     host.run(work, len(regions))

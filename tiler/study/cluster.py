@@ -38,9 +38,10 @@ def run_group(jobs: Sequence[Job], expected: str, machines: Sequence[dict[str, A
     with _warm:  # the threads of a worker wait while the first of them compiles
         if expected not in _warmed:
             from tiler.config import Machine
+            from tiler.shared import Shared
             from tiler.warmup import warm_up
 
-            warm_up([Machine(**fields) for fields in machines])
+            warm_up([Machine(**fields) for fields in machines], Shared())
             _warmed.add(expected)
     if getattr(_own, "threads", None) != threads:
         _own.runner, _own.threads = RowRunner(threads), threads

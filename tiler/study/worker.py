@@ -20,6 +20,7 @@ def main() -> None:
     threading.Thread(target=_listen, args=(asked,), daemon=True).start()
 
     from tiler.config import Machine
+    from tiler.shared import Shared
     from tiler.study.rows import RowRunner, sources
     from tiler.warmup import warm_up
 
@@ -29,7 +30,7 @@ def main() -> None:
     while True:
         message = asked.get()
         if "warm" in message:
-            warm_up([Machine(**fields) for fields in message["warm"]])
+            warm_up([Machine(**fields) for fields in message["warm"]], Shared())
             _answer(answers, {"warm": True})
         else:
             _answer(answers, runner.run(message))
