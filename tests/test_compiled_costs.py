@@ -6,8 +6,17 @@ import numpy as np
 import pytest
 
 from pipeline import domain
+from pipeline.bounds import BOUNDS
 from tiler import compiled_costs, costs
-from tiler.compiled_costs import compile_counted, count_compiled, cut_blocks, instrument, operations_of
+from tiler.compiled_costs import (
+    Recorder,
+    compile_counted,
+    count_compiled,
+    cut_blocks,
+    instrument,
+    operations_of,
+    own_functions,
+)
 
 compiled = pytest.mark.skipif(
     not compiled_costs.available(),
@@ -62,6 +71,7 @@ loop:                                             ; preds = %loop, %entry
   br i1 %c, label %end, label %loop
 
 end:
+  %r = call i32 @g.1(ptr @f)
   ret i32 0
 }
 
@@ -69,15 +79,20 @@ declare double @llvm.sqrt.f64(double)
 """
 
 
-def test_counters_stand_behind_phis_and_functions_are_the_modules_own():
+def test_shared_functions_become_the_modules_own():
+    text = own_functions(IR, ".counted7")
+    assert "define internal i32 @f.counted7(double %x" in text and "call i32 @g.1(ptr @f.counted7)" in text
+    assert text.replace(".counted7", "").replace("internal", "linkonce_odr") == IR, "and nothing else is changed"
+
+
+def test_counters_stand_behind_phis():
     blocks = cut_blocks(IR)
     assert blocks.operations == [{"add": 1}, {"mul": 2}, {}]
     text = instrument(blocks, 4096)
     assert [int(a) for a in re.findall(r"load i64, ptr inttoptr \(i64 (\d+) to ptr\)", text)] == [4096, 4104, 4112]
     assert text.index("%s = phi") < text.index("%counter.1.before") < text.index("%j = add")
-    assert "define internal i32 @f" in text and "declare double" in text
     without = re.sub(r"^  (?:%counter\.|store i64 %counter\.).*\n", "", text, flags=re.MULTILINE)
-    assert without.split() == IR.replace("linkonce_odr", "internal").split(), "and nothing else is changed"
+    assert without.split() == IR.split(), "and nothing else is changed"
 
 
 def horner(x, n):
@@ -163,6 +178,19 @@ def test_real_kernels_do_about_what_their_sources_say():
         assert LEAST < count.arithmetic / sources[name].arithmetic < MOST, name
     assert counts["domain shader"].total < counts["domain shader, map"].total < counts["cbox"].total
     assert counts["cbox"].project > 0 == counts["cbox"].lookup
+
+
+@compiled
+def test_plain_kernels_are_left_alone():
+    """What runs after a recording is not counted: no code of one kernel is taken for that of the other."""
+    stage, recorder = costs.sample_patches(16, True), Recorder()
+    with recorder.recording():
+        counted = BOUNDS["cbox"](stage)
+    assert sum(recorder.tally.values()) > 0
+    plain = BOUNDS["cbox"](stage)
+    assert all(kernel.take() == {} for kernel in recorder.kernels.values())
+    for a, b in zip(counted, plain, strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
 @compiled

@@ -25,6 +25,8 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from itertools import count
+from types import FunctionType
 from typing import Any, NamedTuple
 from unittest.mock import patch
 
@@ -65,7 +67,7 @@ _CALL = re.compile(
     _RESULT + r"(?:(?:tail|musttail|notail) )?call .*@llvm\.(vector\.reduce\.)?(\w+)(?:\.v(\d+))?(?:\.?f\d+)?\("
 )
 _LIBRARY = re.compile(_RESULT + rf"(?:(?:tail|musttail|notail) )?call .*(?:float|double) @({'|'.join(INTRINSICS)})f?\(")
-_SHARED = re.compile(r"^define (?:linkonce|linkonce_odr|weak|weak_odr) (?:hidden )?")
+_SHARED = re.compile(r"^define (?:linkonce|linkonce_odr|weak|weak_odr) (?:hidden )?(.*?@)([\w.$]+)\(", re.MULTILINE)
 _LABEL = re.compile(r'^(?:[\w.$-]+|"[^"]+"):')
 
 Tally = Counter[str]  # kind of operation, as in `costs` -> how many
@@ -100,17 +102,14 @@ class Blocks(NamedTuple):
 
 
 def cut_blocks(ir: str) -> Blocks:
-    """The basic blocks of all functions of a module. A counter goes behind the phis of its block.
-
-    Functions that the module shares with others become its own: the linker would take those that it has, without counters.
-    """
+    """The basic blocks of all functions of a module. A counter goes behind the phis of its block."""
     pieces: list[list[str]] = [[]]
     operations: list[Tally] = []
     inside, begins = False, False  # a function; a block, whose phis may still come
     for line in ir.splitlines():
         if line.startswith("define "):
             inside, begins = True, True
-            pieces[-1].append(_SHARED.sub("define internal ", line))
+            pieces[-1].append(line)
             continue
         if inside and line.startswith("}"):
             inside = False
@@ -130,6 +129,16 @@ def cut_blocks(ir: str) -> Blocks:
     return Blocks(["\n".join(piece) for piece in pieces], operations)
 
 
+def own_functions(ir: str, suffix: str) -> str:
+    """The module with functions that it may share with others (helpers) made its own, under names of its own.
+
+    Else the linker would take those that it has, without counters, or give these to others, which have no business there.
+    """
+    shared = {found[2] for found in _SHARED.finditer(ir)}
+    ir = _SHARED.sub(r"define internal \1\2(", ir)
+    return re.sub(r"@([\w.$]+)", lambda found: f"@{found[1]}{suffix if found[1] in shared else ''}", ir)
+
+
 def instrument(blocks: Blocks, address: int) -> str:
     """The module with a counter in every block: int64 number k from `address` on counts block k."""
     text = [blocks.pieces[0]]
@@ -142,6 +151,9 @@ def instrument(blocks: Blocks, address: int) -> str:
             piece,
         ]
     return "\n".join(text) + "\n"
+
+
+_numbers = count()
 
 
 class Counted(NamedTuple):
@@ -161,9 +173,12 @@ class Counted(NamedTuple):
         return total
 
 
-def compile_counted(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Counted:
+def compile_counted(function: FunctionType, arguments: tuple[Any, ...]) -> Counted:
     """`function`, plain Python as a kernel is written, compiled for these arguments with counters in it."""
-    names = [*function.__module__.split("."), *function.__qualname__.split(".")]
+    # By a name of its own: the linker would give its code to who asks for the plain kernel, read from the cache.
+    twin = FunctionType(function.__code__, function.__globals__, function.__name__, function.__defaults__)
+    twin.__module__, twin.__qualname__ = function.__module__, f"{function.__qualname__}_counted"
+    names = [*twin.__module__.split("."), *twin.__qualname__.split(".")]
     own = "".join(f"{len(name)}{name}" for name in names if name.isidentifier())  # as symbols have it
     found: list[tuple[I64, list[Tally]]] = []
     optimize = CPUCodeLibrary._optimize_final_module
@@ -173,12 +188,12 @@ def compile_counted(function: Callable[..., Any], arguments: tuple[Any, ...]) ->
         ir = str(library._final_module)
         if re.search(rf"^define .*@_ZN7cpython{re.escape(own)}", ir, re.MULTILINE) is None:
             return  # of a helper, which the kernel has inside already
-        blocks = cut_blocks(ir)
+        blocks = cut_blocks(own_functions(ir, f".counted{next(_numbers)}"))
         counts = np.zeros(len(blocks.operations), np.int64)
         found.append((counts, blocks.operations))
         library._final_module = llvm.parse_assembly(instrument(blocks, counts.ctypes.data))
 
-    compiled: Any = numba.njit(nogil=True, error_model="numpy")(function)
+    compiled: Any = numba.njit(nogil=True, error_model="numpy")(twin)
     with patch.object(CPUCodeLibrary, "_optimize_final_module", optimize_and_count):
         compiled.compile(tuple(map(numba.typeof, arguments)))
     (only,) = found
@@ -190,15 +205,15 @@ class Recorder:
 
     def __init__(self) -> None:
         self.tally: Counter[tuple[str, str]] = Counter()  # (module, kind) -> how many
-        self._compiled: dict[Any, Counted] = {}
+        self.kernels: dict[Any, Counted] = {}  # by dispatcher and types of arguments
 
     def _call(self, kernel: Any, arguments: tuple[Any, ...], restore: ExitStack) -> Any:
         key = (kernel, *map(numba.typeof, arguments))
-        if key not in self._compiled:
+        if key not in self.kernels:
             restore.close()  # Numba looks names up while it compiles
-            self._compiled[key] = compile_counted(kernel.py_func, arguments)
+            self.kernels[key] = compile_counted(kernel.py_func, arguments)
             self._put_on(restore)
-        counted = self._compiled[key]
+        counted = self.kernels[key]
         result = counted.run(*arguments)
         for kind, amount in counted.take().items():
             self.tally[kernel.py_func.__module__, kind] += amount
