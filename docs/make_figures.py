@@ -340,7 +340,7 @@ def costs_rows() -> str:
 
 
 def compiled_costs_rows() -> str:
-    """docs/bounds.md: the same, counted in the compiled code of this machine; how many lanes are padding hangs on its vectors."""
+    """docs/bounds.md: the same, counted in this machine's code; how many lanes are padding hangs on its vectors."""
     from tiler.compiled_costs import count_compiled
 
     counts = count_compiled()
