@@ -75,7 +75,7 @@ def walk() -> Walk:
     boxes = {name: bound(stage) for name, bound in BOUNDS.items()}
     bounds = boxes[machine.bounds]
     for name in machine.hull_cull:
-        flags = front_end.cull(name, stage, bounds, flags)
+        flags = front_end.cull(name, stage, bounds, flags, Host(1))
     patterns = front_end.tessellate(scene.tessellation, stage.factors, flags)
     flags, live = front_end.live_patches(patterns, flags)
     units = whole_patches(patches, bounds, patterns)
