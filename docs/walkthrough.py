@@ -74,8 +74,9 @@ def walk() -> Walk:
     flags = hull.flag_nonfinite(patches, stage.pyramids.whole)
     boxes = {name: bound(stage) for name, bound in BOUNDS.items()}
     bounds = boxes[machine.bounds]
-    for name in machine.hull_cull:
-        flags = front_end.cull(name, stage, bounds, flags, Host(1))
+    with Host(1) as host:
+        for name in machine.hull_cull:
+            flags = front_end.cull(name, stage, bounds, flags, host)
     patterns = front_end.tessellate(scene.tessellation, stage.factors, flags)
     flags, live = front_end.live_patches(patterns, flags)
     units = whole_patches(patches, bounds, patterns)

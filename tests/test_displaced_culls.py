@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import tiler
-from pipeline.culling import apex, classify, control_planes, ncone, tcone
+from pipeline.bounds import BOUNDS
+from pipeline.bounds.lookup import displacement_ranges
+from pipeline.culling import CLASSIFIERS, apex, classify, control_planes, ncone, tcone, tessellation_safe
 from pipeline.culling.backface import Facing
 from pipeline.culling.chords import bound_part, make_scratch, measure_differences, place_patch
 from pipeline.culling.offset import Offsets, constant_offsets, no_offsets
@@ -20,7 +22,9 @@ from pipeline.wide import LANES, choose, store
 from tests.naive_domain import NaiveMap
 from tests.test_backface import bigguy, bigguy_view, cull, gentle, view_of
 from tests.test_domain import make_one, pack, rational_patch, smooth_patch
-from tiler import verify
+from tiler import front_end, verify
+from tiler.bench.scenes import torus
+from tiler.bench.stages import hull_stage
 from tiler.config import Machine
 from tiler.host import Host
 
@@ -477,3 +481,39 @@ def test_the_frames_partitioning_culls_no_less_than_any():
         assert (told | ~any_of_them).all()
         more[partitioning.name] = told.mean() - any_of_them.mean()
     assert more["INTEGER"] == more["POW2"] > 0.02, more
+
+
+def test_a_patch_that_its_displacement_may_take_through_the_near_plane_stays():
+    """The points of the base are all beyond it: what the map adds is looked up for whole patches first, in every lane."""
+    scene = torus(600, 4, (640, 360))
+    key = scene.camera.keys[0]
+    stage = hull_stage(scene)
+    everyone = np.arange(scene.num_patches)
+    back = np.flatnonzero(classify(stage, SAFE) == Facing.BACK)
+    reach = abs(displacement_ranges(stage)).max(axis=0)
+    forward = np.array(key.target) - key.eye
+    depth = (stage.patches.control_points[..., :3] - np.array(key.eye)) @ (forward / np.linalg.norm(forward))
+    assert len(back) > 80
+    for p in back[::8]:
+        nearest = depth[p].min()
+        for part, kept in ((0.25, True), (1.5, False)):
+            path = replace(scene.camera, near=float(nearest - part * reach[p]))
+            closer = hull_stage(replace(scene, camera=path))
+            facing = tessellation_safe.classify_patches(closer, everyone)[p]
+            assert (facing == Facing.SILHOUETTE) == kept, (p, part)
+
+
+@pytest.mark.parametrize("name", [SAFE, SURFACE])
+def test_an_answer_depends_on_no_neighbour_and_on_no_thread(name):
+    """Patches take turns in lanes, and chunks of them in threads."""
+    stage = hull_stage(torus(1300, 16, (640, 360)))
+    n = len(stage.patches.map_id)
+    flags, bounds = np.zeros(n, np.uint8), BOUNDS["cbox"](stage)
+    alone, shared = (front_end.cull(name, stage, bounds, flags, Host(threads)) for threads in (1, 3))
+    np.testing.assert_array_equal(alone, shared)
+    order = np.random.default_rng(0).permutation(n)
+    facing = CLASSIFIERS[name](stage, order)
+    np.testing.assert_array_equal(facing == Facing.BACK, alone[order] != 0)
+    one_by_one = np.concatenate([CLASSIFIERS[name](stage, order[k : k + 1]) for k in range(100)])
+    np.testing.assert_array_equal(one_by_one, facing[:100])
+    assert 0.2 < (alone != 0).mean() < 0.6

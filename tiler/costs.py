@@ -322,7 +322,8 @@ def count_cull_operations(names: Sequence[str]) -> dict[str, float]:
     """Operations a patch of cull tests, names of `CULL_TESTS`, on smooth patches that all of them look at. Takes seconds."""
     stage = sample_patches(CULL_SAMPLE, False)._replace(eye=np.array([0.3, 0.2, 9.0]), face_cull=int(FaceCull.BACK))
     bounds = bounds_module.BOUNDS["cbox"](stage)
-    bounds = bounds._replace(inside=np.zeros_like(bounds.inside))  # the frustum test asks no patch that is known to be inside
+    # The frustum test asks no patch that is known to be inside.
+    bounds = bounds._replace(inside=np.zeros_like(bounds.inside))
     tally: Tally = Counter()
     counts = {}
     with _counting_pipeline(tally), np.errstate(all="ignore"):

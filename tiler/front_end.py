@@ -43,7 +43,7 @@ from tiler.shared import Stages
 
 BATCH_POINTS = 1 << 18  # domain points in flight: a batch of about 40 MB, whose memory the next one gets again
 WINDING = "triangle_ccw"  # with u x v pointing to the viewer this is clockwise on the screen: a front face
-CULL_CHUNK = 512  # least patches of a chunk: what surrounds the kernels of a cull test costs as much as a hundred
+CULL_CHUNK = 1024  # least patches of a chunk: what surrounds the kernels of a cull test takes as long as 200 patches
 FAN_TRIANGLES = primitives.MAX_CORNERS - 2
 
 
@@ -172,7 +172,7 @@ def cull(name: str, stage: HullInput, bounds: PatchBounds, flags: U8, host: Host
     if name not in PER_PATCH:
         hull.run_cull_tests((name,), stage, bounds, after)
         return after
-    chunks = host.chunks(len(flags), CULL_CHUNK)
+    chunks = host.chunks(len(flags), CULL_CHUNK) if host.threads > 1 else [(0, len(flags))]
 
     def work(c: int) -> None:
         begin, end = chunks[c]

@@ -159,6 +159,7 @@ def _find_signs(
     of_lane, todo, sign = np.full(LANES, -1), np.zeros(LANES, np.int64), np.zeros(LANES, np.int64)
     for begin in range(0, len(numbers), LANES):
         n = min(LANES, len(numbers) - begin)
+        of_lane[:n], of_lane[n:] = 0, -1  # lanes that have a patch
         for lane in range(n):
             p = numbers[begin + lane]
             place_patch(control_points[p], slack[p], lane, s)

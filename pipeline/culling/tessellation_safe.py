@@ -274,13 +274,8 @@ def _keep_safe(control_points, matrix, viewport, numbers, steps, margin, facing)
             facing[k] = SILHOUETTE
 
 
-def _classify(stage: HullInput, numbers: I64, wanted: tuple[int, ...]) -> U8:
-    """Facing of the patches `numbers` where it is one of `wanted`."""
-    answer = np.full(len(numbers), SILHOUETTE, np.uint8)
-    if eye_or_none(stage) is None:
-        return answer
-    at = np.flatnonzero(is_plain(stage.patches, numbers))
-    plain = numbers[at]
+def _classify_plain(stage: HullInput, plain: I64, wanted: tuple[int, ...]) -> U8:
+    """`_classify` of undisplaced patches."""
     facing, margin = np.empty(len(plain), np.uint8), np.empty(len(plain))
     control_points, matrix = stage.patches.control_points, stage.clip_from_world.astype(np.float64)
     _least_plane(control_points, matrix, plain, facing, margin)
@@ -288,10 +283,22 @@ def _classify(stage: HullInput, numbers: I64, wanted: tuple[int, ...]) -> U8:
     steps: F64 = measure_steps(stage.factors, plain[one_way], stage.partitioning)
     sides = facing[one_way]
     _keep_safe(control_points, matrix, stage.viewport, plain[one_way], steps, margin[one_way], sides)
-    answer[at[one_way]] = sides
-    view = view_of_matrix(stage)
+    answer = np.full(len(plain), SILHOUETTE, np.uint8)
+    answer[one_way] = sides
+    return answer
+
+
+def _classify(stage: HullInput, numbers: I64, wanted: tuple[int, ...]) -> U8:
+    """Facing of the patches `numbers` where it is one of `wanted`."""
+    answer = np.full(len(numbers), SILHOUETTE, np.uint8)
+    if eye_or_none(stage) is None:
+        return answer
+    at = np.flatnonzero(is_plain(stage.patches, numbers))
+    if len(at):
+        answer[at] = _classify_plain(stage, numbers[at], wanted)
     at = np.flatnonzero((stage.patches.map_id[numbers] >= 0) & is_single_net(stage, numbers))
-    if view is not None and len(at):
+    view = view_of_matrix(stage) if len(at) else None
+    if view is not None:
         steps = measure_steps(stage.factors, numbers[at], stage.partitioning)
         answer[at] = classify_from(stage, view, numbers[at], steps, wanted)
     return answer
