@@ -48,6 +48,8 @@ def picture_bytes(picture: Picture, machine: Machine, threads: int) -> int:
         )  # farthest and nearest; a third of it for upper levels
     tiles = -(-picture.width // machine.tile) * -(-picture.height // machine.tile)
     columns = 2 * NUM_TILE_COUNTS + 3 * CHUNKS_PER_THREAD * threads  # counters and their maps; the places of binning
+    if machine.binning == "triangle":
+        columns += NUM_TILE_COUNTS + 3 + threads  # what regions count, the patch that fills each tile most, its entries
     return total + tiles * 8 * columns
 
 
