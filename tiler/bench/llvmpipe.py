@@ -149,7 +149,9 @@ class Renderer:
         except BrokenProcessPool:
             raise TilerError(f"peer: llvmpipe {missing}: its process died") from None
         except Exception as error:  # no driver, no moderngl, an old GL: each has its own class
-            self._pool.shutdown(wait=False, cancel_futures=True)
+            # A pool that is closed without waiting writes to its own closed pipe where the interpreter ends in that moment;
+            # a child that hangs is not waited for.
+            self._pool.shutdown(wait=not isinstance(error, TimeoutError), cancel_futures=True)
             raise TilerError(f"peer: llvmpipe {missing}: {type(error).__name__}: {error}") from None
 
 
