@@ -27,7 +27,8 @@ from typing import Any
 
 import numba
 from numba.core import event
-from numba.core.compiler import Compiler
+
+from pipeline.jit_parts import OPTIONS, Helper, UnaliasedCompiler, make_helper
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("pipeline", "tiler")
@@ -123,7 +124,7 @@ def _cached(function: Callable[..., Any], signatures: list[Any] | None = None) -
     before = config.CACHE_DIR
     config.CACHE_DIR = _folder_of(function.__code__.co_filename)
     try:
-        return numba.njit(signatures, cache=True, nogil=True, error_model="numpy")(function)
+        return numba.njit(signatures, cache=True, **OPTIONS)(function)
     finally:
         config.CACHE_DIR = before
 
@@ -147,7 +148,9 @@ def compile_for(function: Callable[..., Any], signature: Any) -> Callable[..., A
 
     Raises TypeError, in one line, if that cannot be, or if it returns another type than the signature says.
     """
-    compiled: Any = function if hasattr(function, "py_func") else helper(function)
+    compiled: Any = function if hasattr(function, "py_func") else numba.njit(**OPTIONS)(function)
+    if isinstance(compiled, Helper):
+        compiled = compiled.whole
     if not hasattr(compiled, "py_func"):  # the compiler is switched off
         return compiled
     try:
@@ -163,7 +166,7 @@ def compile_for(function: Callable[..., Any], signature: Any) -> Callable[..., A
 
 def helper(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile `function` into the kernels that call it. Not cached by itself: that would gain nothing."""
-    return numba.njit(nogil=True, error_model="numpy")(function)
+    return make_helper(function)
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -171,15 +174,7 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
 
     Copied into each of its callers, so a loop over rows sees where these lie in memory.
     """
-    return numba.njit(nogil=True, error_model="numpy", forceinline=True)(function)
-
-
-class _Unaliased(Compiler):
-    """Numba's compiler, told that what one array argument points to is reached through no other."""
-
-    def define_pipelines(self) -> Any:
-        self.state.flags.noalias = True
-        return super().define_pipelines()
+    return make_helper(function, forceinline=True)
 
 
 def unaliased(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -188,7 +183,7 @@ def unaliased(function: Callable[..., Any]) -> Callable[..., Any]:
     Such a loop vectorizes only where no write can change what is read later. So the caller promises that no entry that is
     written through one array argument is read or written through another; they may be parts of one array.
     """
-    return numba.njit(nogil=True, error_model="numpy", pipeline_class=_Unaliased)(function)
+    return make_helper(function, UnaliasedCompiler)
 
 
 class _Announcer(event.Listener):

@@ -7,9 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numba
+import numpy as np
 import pytest
 
-from pipeline import jit
+from pipeline import jit, jit_parts
 
 ANNOUNCEMENT = "compiling kernels"
 
@@ -52,7 +54,8 @@ class Package:
         self.cache = folder / "cache"
         self.temporary.mkdir()
         (self.root / "pipeline").mkdir(parents=True)
-        shutil.copy(jit.__file__, self.root / "pipeline" / "jit.py")
+        for module in (jit, jit_parts):
+            shutil.copy(str(module.__file__), self.root / "pipeline")
         for name, text in (("__init__", ""), ("stage", STAGE), ("arithmetic", ARITHMETIC), ("numbers_of", NUMBERS_OF)):
             self.write(name, text)
 
@@ -194,3 +197,46 @@ def test_old_folders_are_forgotten_and_others_left_alone(tmp_path):
         os.utime(folder, (0, 0))
     jit._prune(tmp_path)
     assert not old.exists() and used.exists() and foreign.exists()
+
+
+@jit.inlined
+def _squared(x):
+    return x * x
+
+
+@jit.unaliased
+def _fill(source, target):
+    for i in range(len(source)):
+        target[i] = _squared(source[i])
+
+
+@numba.njit
+def _sum_of_squares(source):
+    target = np.empty_like(source)
+    _fill(source, target)
+    return target.sum()
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="the compiler is switched off")
+def test_helpers_end_as_parts_of_kernels_and_python_calls_a_whole():
+    numbers = np.arange(10.0)
+    assert _sum_of_squares(numbers) == 285.0
+    (part,) = _fill.overloads.values()
+    assert not callable(part.entry_point)
+    assert part.library.get_pointer_to_function(part.fndesc.llvm_func_name) == 0  # no machine code
+    target = np.zeros(10)
+    _fill(numbers, target)
+    assert (target == numbers**2).all() and len(_fill.whole.overloads) == 1
+
+
+def test_a_helper_that_cannot_be_compiled_says_so_in_the_kernel():
+    @jit.helper
+    def broken(x):
+        return x.nothing
+
+    @numba.njit
+    def caller(x):
+        return broken(x)
+
+    with pytest.raises(numba.errors.TypingError, match="nothing"):
+        caller(1.0)

@@ -1,0 +1,107 @@
+"""Helpers as Numba compiles them for us: into kernels only.
+
+Numba makes of every compiled function a whole of its own: wrappers for calls from Python and from C, each with code that takes
+apart every tuple of arrays among the arguments, all of LLVM's passes, machine code. A helper needs nothing of that, being
+linked into the kernels that call it and optimized there once more. It was half of what a first run waited for.
+
+So here a helper ends as the module that its callers link, cleaned up function by function and no more. Where Python calls one
+all the same, as tests do, Numba compiles it for that by itself (`whole`).
+"""
+
+import functools
+from typing import Any
+
+import numba
+from numba.core import compiler, typed_passes
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler_machinery import register_pass
+from numba.core.registry import CPUDispatcher
+
+OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}  # of everything that is compiled
+
+
+class _Part(JITCodeLibrary):
+    """A library that is only linked into others: they optimize it and make its machine code."""
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        self._finalized = True
+
+
+class _Entry:
+    """What Numba knows a compiled helper by: where others have a function that Python can call."""
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _PartLowering(typed_passes.NativeLowering):
+    """Lowering to a `_Part`, without wrappers."""
+
+    _name = "part_lowering"
+
+    def run_pass(self, state: Any) -> bool:
+        flags, context = state.flags, state.targetctx
+        flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+        state.library = _Part(context.codegen(), state.func_id.func_qualname)
+        super().run_pass(state)
+        entry = _Entry()
+        context.insert_user_function(entry, state.cr.fndesc, [state.library])
+        state.reload_init.extend(state.library._reload_init)
+        state.cr = state.cr._replace(cfunc=entry)
+        return True
+
+
+class PartCompiler(compiler.Compiler):
+    """Numba's compiler, up to what callers link."""
+
+    def define_pipelines(self) -> Any:
+        """Numba's steps, with our lowering."""
+        (passes,) = super().define_pipelines()
+        passes.passes = [
+            (_PartLowering if step is typed_passes.NativeLowering else step, why) for step, why in passes.passes
+        ]
+        passes.finalize()
+        return [passes]
+
+
+class UnaliasedCompiler(PartCompiler):
+    """As `PartCompiler`, told that what one array argument points to is reached through no other."""
+
+    def define_pipelines(self) -> Any:
+        """The steps of `PartCompiler`, once that is promised."""
+        self.state.flags.noalias = True
+        return super().define_pipelines()
+
+
+class Helper(CPUDispatcher):
+    """A function that kernels call."""
+
+    def __init__(
+        self, py_func: Any, locals: Any = None, targetoptions: Any = None, pipeline_class: Any = PartCompiler
+    ) -> None:
+        super().__init__(py_func, locals, targetoptions, pipeline_class)
+
+    def add_overload(self, cres: Any) -> None:
+        """Keep what was compiled for kernels, and not where calls from Python look."""
+        self.overloads[tuple(cres.signature.args)] = cres
+
+    @functools.cached_property
+    def whole(self) -> Any:
+        """The same function compiled by itself, for Python to call."""
+        return numba.njit(**{k: v for k, v in self.targetoptions.items() if k != "nopython"})(self.py_func)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the whole."""
+        return self.whole(*arguments)
+
+
+def make_helper(function: Any, pipeline: Any = PartCompiler, **options: Any) -> Any:
+    """`function` as a helper; itself where the compiler is switched off."""
+    config: Any = numba.config
+    if config.DISABLE_JIT:
+        return function
+    targetoptions = {**OPTIONS, "nopython": True, "boundscheck": None, **options}
+    return Helper(function, targetoptions=targetoptions, pipeline_class=pipeline)
