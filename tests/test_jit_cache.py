@@ -1,6 +1,7 @@
 """The cache of compiled kernels: notices an edit anywhere below a kernel, compiles nothing without one, survives a folder
 that cannot be written, and says once why the first run takes longer."""
 
+import gc
 import os
 import shutil
 import subprocess
@@ -240,3 +241,19 @@ def test_a_helper_that_cannot_be_compiled_says_so_in_the_kernel():
 
     with pytest.raises(numba.errors.TypingError, match="nothing"):
         caller(1.0)
+
+
+def test_compiling_leaves_the_garbage_collector_as_it_was():
+    @numba.njit
+    def fails(x):
+        return x.nothing
+
+    before = gc.get_threshold()
+    gc.set_threshold(701, 11, 12)
+    try:
+        assert _sum_of_squares(np.arange(3, dtype=np.float32)) == 5.0
+        with pytest.raises(numba.errors.TypingError):
+            fails(1.0)
+        assert gc.get_threshold() == (701, 11, 12)
+    finally:
+        gc.set_threshold(*before)
