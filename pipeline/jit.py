@@ -29,7 +29,7 @@ from typing import Any
 import numba
 from numba.core import event
 
-from pipeline.jit_parts import OPTIONS, Helper, UnaliasedCompiler, make_helper
+from pipeline.jit_lowering import OPTIONS, Helper, KernelCompiler, UnaliasedCompiler, make_helper
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("pipeline", "tiler")
@@ -125,7 +125,7 @@ def _cached(function: Callable[..., Any], signatures: list[Any] | None = None) -
     before = config.CACHE_DIR
     config.CACHE_DIR = _folder_of(function.__code__.co_filename)
     try:
-        return numba.njit(signatures, cache=True, **OPTIONS)(function)
+        return numba.njit(signatures, cache=True, pipeline_class=KernelCompiler, **OPTIONS)(function)
     finally:
         config.CACHE_DIR = before
 

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 import pytest
 
-from pipeline import jit, jit_parts
+from pipeline import jit, jit_lowering
 
 ANNOUNCEMENT = "compiling kernels"
 
@@ -55,7 +55,7 @@ class Package:
         self.cache = folder / "cache"
         self.temporary.mkdir()
         (self.root / "pipeline").mkdir(parents=True)
-        for module in (jit, jit_parts):
+        for module in (jit, jit_lowering):
             shutil.copy(str(module.__file__), self.root / "pipeline")
         for name, text in (("__init__", ""), ("stage", STAGE), ("arithmetic", ARITHMETIC), ("numbers_of", NUMBERS_OF)):
             self.write(name, text)
@@ -257,3 +257,34 @@ def test_compiling_leaves_the_garbage_collector_as_it_was():
         assert gc.get_threshold() == (701, 11, 12)
     finally:
         gc.set_threshold(*before)
+
+
+@jit.helper
+def _first_half(numbers):
+    return numbers[: len(numbers) // 2]
+
+
+@jit.kernel
+def _halve(numbers, pair):
+    made = np.arange(2 * len(numbers)) + pair[0][0]
+    half = _first_half(made)
+    rest = _first_half(np.ones(6))
+    return half.sum() + rest.sum() + pair[1].sum(), half
+
+
+@jit.kernel
+def _same(numbers):
+    return numbers
+
+
+def test_arguments_are_borrowed_and_what_is_returned_is_owned():
+    numbers = np.arange(1000)
+    pair = (numbers, np.arange(3.0))
+    before = sys.getrefcount(numbers)
+    for _ in range(100):
+        total, half = _halve(numbers, pair)
+        assert total == 999 * 500 + 3 + 3.0 and half.base is not None and half.sum() == 999 * 500
+        again = _same(numbers)
+        assert again is numbers or again.base is not None  # not memory without an owner
+    del again, half
+    assert sys.getrefcount(numbers) == before

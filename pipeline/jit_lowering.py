@@ -1,23 +1,75 @@
-"""Helpers as Numba compiles them for us: into kernels only.
+"""What Numba makes of kernels and helpers for us: functions that borrow their arguments, and helpers within kernels only.
 
 Numba makes of every compiled function a whole of its own: wrappers for calls from Python and from C, each with code that takes
 apart every tuple of arrays among the arguments, all of LLVM's passes, machine code. A helper needs nothing of that, being
-linked into the kernels that call it and optimized there once more. It was half of what a first run waited for.
-
-So here a helper ends as the module that its callers link, cleaned up function by function and no more. Where Python calls one
-all the same, as tests do, Numba compiles it for that by itself (`whole`).
+linked into the kernels that call it and optimized there once more. It was half of what a first run waited for. So here a helper
+ends as the module that its callers link, cleaned up function by function and no more. Where Python calls one all the same, as
+tests do, Numba compiles it for that by itself (`whole`).
 """
 
 import functools
 from typing import Any
 
 import numba
-from numba.core import compiler, typed_passes
+from numba.core import cgutils, compiler, lowering, typed_passes, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_machinery import register_pass
 from numba.core.registry import CPUDispatcher
 
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}  # of everything that is compiled
+
+
+def _parts(kind: Any) -> list[Any]:
+    """Types of what a tuple holds."""
+    members: Any = kind if isinstance(kind, types.BaseTuple) else ()
+    return list(members)
+
+
+def _holds_arrays(kind: Any) -> bool:
+    return isinstance(kind, types.Array) or any(map(_holds_arrays, _parts(kind)))
+
+
+def _borrow(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """The same value, with arrays that own nothing."""
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value)
+        array.meminfo = cgutils.get_null_value(array.meminfo.type)
+        return array._getvalue()
+    for k, part in enumerate(_parts(kind)):
+        if _holds_arrays(part):
+            borrowed = _borrow(context, builder, part, builder.extract_value(value, k))
+            value = builder.insert_value(value, borrowed, k)
+    return value
+
+
+class _BorrowingLower(lowering.Lower):
+    """Lowering of a function whose arguments stay alive while it runs, because its caller holds them.
+
+    Numba counts references to every array of every tuple at each call: atomic operations, some hundreds for a patch, on
+    counters that all threads share. An array that owns nothing needs none. A function that returns arrays may return one of its
+    arguments, and counts.
+    """
+
+    def extract_function_arguments(self) -> Any:
+        """The function's arguments, borrowed."""
+        values = super().extract_function_arguments()
+        if not _holds_arrays(self.fndesc.restype):
+            self.fnargs = [
+                _borrow(self.context, self.builder, *pair) for pair in zip(self.fndesc.argtypes, values, strict=True)
+            ]
+        return self.fnargs
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _Lowering(typed_passes.NativeLowering):
+    """Lowering that borrows arguments."""
+
+    _name = "borrowing_lowering"
+
+    @property
+    def lowering_class(self) -> Any:
+        """Ours."""
+        return _BorrowingLower
 
 
 class _Part(JITCodeLibrary):
@@ -37,7 +89,7 @@ class _Entry:
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
-class _PartLowering(typed_passes.NativeLowering):
+class _PartLowering(_Lowering):
     """Lowering to a `_Part`, without wrappers."""
 
     _name = "part_lowering"
@@ -54,17 +106,25 @@ class _PartLowering(typed_passes.NativeLowering):
         return True
 
 
-class PartCompiler(compiler.Compiler):
-    """Numba's compiler, up to what callers link."""
+class KernelCompiler(compiler.Compiler):
+    """Numba's compiler, of functions that borrow their arguments."""
+
+    lowering: Any = _Lowering
 
     def define_pipelines(self) -> Any:
         """Numba's steps, with our lowering."""
         (passes,) = super().define_pipelines()
         passes.passes = [
-            (_PartLowering if step is typed_passes.NativeLowering else step, why) for step, why in passes.passes
+            (self.lowering if step is typed_passes.NativeLowering else step, why) for step, why in passes.passes
         ]
         passes.finalize()
         return [passes]
+
+
+class PartCompiler(KernelCompiler):
+    """The same up to what callers link."""
+
+    lowering = _PartLowering
 
 
 class UnaliasedCompiler(PartCompiler):
