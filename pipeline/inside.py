@@ -20,7 +20,8 @@ A, B, C, X0, Y0, X1, Y1, ALIVE, TURNED, LIST, COVER = (k * RUN for k in range(11
 SCRATCH = 11 * RUN
 
 ONE, TWO = np.uint32(1), np.uint32(2)
-UNKNOWN = 255  # of Triangles.cover: not asked for, or the box is larger than it has bits for
+SIDE = 4  # pixels a side of the boxes of which Triangles.cover says what is covered
+UNKNOWN = 0xFFFF  # it is not known; no triangle covers the centres of 4x4 pixels and has a box as small as that
 
 
 class Lanes(NamedTuple):
@@ -116,34 +117,93 @@ def _bias(dx, dy):
 
 
 @inlined
-def _covered(e0, e1, e2):
-    """1 where no edge function is negative, else 0."""
-    return ((e0 | e1 | e2) >> 63) + 1
+def _edges(k, pa, pb, pc, x0, y0):
+    """Of a clockwise triangle dx, dy of three edges and their values, biased, at the centre of pixel (x0, y0).
+
+    As in `tiler.rasterizer`, top-left rule. In 32 bits, which hold them for boxes of SIDE x SIDE pixels; of others they are
+    nonsense, and not used.
+    """
+    x, y = (x0[k] << 8) + 128, (y0[k] << 8) + 128
+    px, py = np.int32(((pa[k] << 32) >> 32) - x), np.int32((pa[k] >> 32) - y)  # corners from that centre
+    qx, qy = np.int32(((pb[k] << 32) >> 32) - x), np.int32((pb[k] >> 32) - y)
+    rx, ry = np.int32(((pc[k] << 32) >> 32) - x), np.int32((pc[k] >> 32) - y)
+    dx0, dy0, dx1, dy1 = np.int32(rx - qx), np.int32(ry - qy), np.int32(px - rx), np.int32(py - ry)
+    dx2, dy2 = np.int32(qx - px), np.int32(qy - py)
+    e0 = np.int32(dy0 * qx - dx0 * qy + _bias(dx0, dy0))
+    e1 = np.int32(dy1 * rx - dx1 * ry + _bias(dx1, dy1))
+    e2 = np.int32(dy2 * px - dx2 * py + _bias(dx2, dy2))
+    return (dx0, dx1, dx2), (dy0, dy1, dy2), (e0, e1, e2)
+
+
+@inlined
+def _move(values, steps, pixels):
+    """Edge values so many pixels on, to the left (steps: dy) or down (dx)."""
+    return (
+        np.int32(values[0] + (steps[0] << 8) * pixels),
+        np.int32(values[1] + (steps[1] << 8) * pixels),
+        np.int32(values[2] + (steps[2] << 8) * pixels),
+    )
+
+
+@inlined
+def _covered(values):
+    """1 where no edge value is negative, else 0."""
+    return np.int32((np.int32(values[0] | values[1] | values[2]) >> 31) + 1)
+
+
+@inlined
+def _two(values, dy):
+    """Bits of a pixel and the next to the right."""
+    return np.int32(_covered(values) | (_covered(_move(values, dy, -1)) << 1))
+
+
+@inlined
+def _four(values, dy):
+    """Bits of a pixel and the next three to the right."""
+    return np.int32(_two(values, dy) | (_two(_move(values, dy, -2), dy) << 2))
+
+
+@inlined
+def box_bits(first_column, first_row, last_column, last_row):
+    """Bits of `types.Triangles.cover` that belong to pixels of a rectangle within the box, columns and rows 0 .. SIDE - 1."""
+    columns = ((2 << (last_column - first_column)) - 1) << first_column
+    rows = ((16 << (4 * (last_row - first_row))) - 1) << (4 * first_row)
+    return columns * 0x1111 & rows
+
+
+@inlined
+def _cover_at_most_two(n, pa, pb, pc, x0, y0, x1, y1, cover):
+    """As `_cover_at_most_four`, where no box has more than 2x2 pixels."""
+    for k in range(n):
+        dx, dy, values = _edges(k, pa, pb, pc, x0, y0)
+        bits = _two(values, dy) | (_two(_move(values, dx, 1), dy) << 4)
+        cover[k] = bits & box_bits(0, 0, x1[k] - x0[k], y1[k] - y0[k])
+
+
+@inlined
+def _cover_at_most_four(n, pa, pb, pc, x0, y0, x1, y1, cover):
+    for k in range(n):
+        dx, dy, values = _edges(k, pa, pb, pc, x0, y0)
+        wide, high = x1[k] - x0[k], y1[k] - y0[k]
+        bits = _four(values, dy) | (_four(_move(values, dx, 1), dy) << 4)
+        bits |= (_four(_move(values, dx, 2), dy) << 8) | (_four(_move(values, dx, 3), dy) << 12)
+        bits &= box_bits(0, 0, min(wide, SIDE - 1), min(high, SIDE - 1))
+        cover[k] = bits if (wide | high) < SIDE else UNKNOWN
 
 
 @inlined
 def _cover(n, rows):
-    """Row COVER, as `types.Triangles.cover` has it, of n clockwise triangles: top-left rule, as in `tiler.rasterizer`."""
+    """Row COVER, as `types.Triangles.cover` has it, of n clockwise triangles."""
     pa, pb, pc = rows[A : A + n], rows[B : B + n], rows[C : C + n]
-    x0s, y0s, x1s, y1s = rows[X0 : X0 + n], rows[Y0 : Y0 + n], rows[X1 : X1 + n], rows[Y1 : Y1 + n]
+    x0, y0, x1, y1 = rows[X0 : X0 + n], rows[Y0 : Y0 + n], rows[X1 : X1 + n], rows[Y1 : Y1 + n]
     cover = rows[COVER : COVER + n]
+    sizes = np.int64(0)
     for k in range(n):
-        x, y = (x0s[k] << 8) + 128, (y0s[k] << 8) + 128
-        wide, high = x1s[k] - x0s[k], y1s[k] - y0s[k]
-        px, py = ((pa[k] << 32) >> 32) - x, (pa[k] >> 32) - y  # corners from the first pixel's centre
-        qx, qy = ((pb[k] << 32) >> 32) - x, (pb[k] >> 32) - y
-        rx, ry = ((pc[k] << 32) >> 32) - x, (pc[k] >> 32) - y
-        dx0, dy0, dx1, dy1, dx2, dy2 = rx - qx, ry - qy, px - rx, py - ry, qx - px, qy - py
-        e0 = dy0 * qx - dx0 * qy + _bias(dx0, dy0)
-        e1 = dy1 * rx - dx1 * ry + _bias(dx1, dy1)
-        e2 = dy2 * px - dx2 * py + _bias(dx2, dy2)
-        r0, r1, r2 = e0 - (dy0 << 8), e1 - (dy1 << 8), e2 - (dy2 << 8)  # one pixel to the right
-        d0, d1, d2 = dx0 << 8, dx1 << 8, dx2 << 8  # one pixel down
-        bits = _covered(e0, e1, e2)
-        bits |= (_covered(r0, r1, r2) & wide) << 1
-        bits |= (_covered(e0 + d0, e1 + d1, e2 + d2) & high) << 2
-        bits |= (_covered(r0 + d0, r1 + d1, r2 + d2) & wide & high) << 3
-        cover[k] = bits if (wide | high) < 2 else UNKNOWN
+        sizes |= (x1[k] - x0[k]) | (y1[k] - y0[k])
+    if sizes < 2:
+        _cover_at_most_two(n, pa, pb, pc, x0, y0, x1, y1, cover)
+    else:
+        _cover_at_most_four(n, pa, pb, pc, x0, y0, x1, y1, cover)
 
 
 @helper

@@ -227,7 +227,7 @@ class Triangles(NamedTuple):
     used: I32  # (live,)
     vertex: I32  # (T, 3) into Window; the first is the leading vertex
     box: NDArray[np.int16]  # (T, 4) first column, first row, last column, last row with a sample, inclusive
-    cover: U8  # (T,) of a box of at most 2x2 pixels: bit 2 * row + column, its centre is covered; 255: not known
+    cover: U16  # (T,) of a box of at most 4x4 pixels: bit 4 * row + column, its centre is covered; 65535: not known
     edges: (
         U8  # (T,) bit i: the edge opposite vertex i is the tessellation's, not a cut of the clipper; bit 3: back face
     )

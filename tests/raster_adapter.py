@@ -47,7 +47,7 @@ def draw(positions: np.ndarray, width: int, height: int, samples: int) -> np.nda
     assert not (window.code & primitives.NEEDS_CLIP).any(), "the families stay inside the guard band"
     triangles = Triangles(
         np.arange(n + 1, dtype=np.int64), np.zeros(n, np.int32), np.zeros((n, 3), np.int32), np.zeros((n, 4), np.int16),
-        np.zeros(n, np.uint8), np.zeros(n, np.uint8), np.zeros(n, np.int32), np.zeros(n, np.int32),
+        np.zeros(n, np.uint16), np.zeros(n, np.uint8), np.zeros(n, np.int32), np.zeros(n, np.int32),
     )  # fmt: skip
     outcomes = np.zeros((n, primitives.NUM_OUTCOMES), np.int64)
     primitives.assemble(

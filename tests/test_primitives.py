@@ -88,7 +88,7 @@ def assemble(clip, normal, viewport, samples=1, cull="NONE", per_patch=1):
     room = np.arange(patches + 1) * per_patch * (primitives.MAX_CORNERS - 2)
     triangles = Triangles(
         room, np.zeros(patches, np.int32), np.zeros((room[-1], 3), np.int32), np.zeros((room[-1], 4), np.int16),
-        np.zeros(room[-1], np.uint8), np.zeros(room[-1], np.uint8), np.zeros(room[-1], np.int32), np.zeros(room[-1], np.int32),
+        np.zeros(room[-1], np.uint16), np.zeros(room[-1], np.uint8), np.zeros(room[-1], np.int32), np.zeros(room[-1], np.int32),
     )  # fmt: skip
     outcomes = np.zeros((patches, primitives.NUM_OUTCOMES), np.int64)
     used, num_used = np.zeros(len(window.x), np.uint8), np.empty(patches, np.int64)

@@ -333,7 +333,7 @@ def _allocate_triangles(room: I64) -> Triangles:
         used=np.zeros(len(room), np.int32),
         vertex=np.empty((n, 3), np.int32),
         box=np.empty((n, 4), np.int16),
-        cover=np.empty(n, np.uint8),
+        cover=np.empty(n, np.uint16),
         edges=np.empty(n, np.uint8),
         patch=np.empty(n, np.int32),
         source=np.empty(n, np.int32),

@@ -7,8 +7,13 @@ that comes where triangles come in submit order, else the one of lower number (`
 depth and its triangle number; shading comes later, for the triangles that stay visible.
 """
 
-import numpy as np
+from typing import Any
 
+import numpy as np
+from numba import extending
+from numba.cpython.unsafe import numbers
+
+from pipeline.inside import SIDE
 from pipeline.jit import helper, inlined
 from tiler.order import comes_before
 
@@ -22,15 +27,24 @@ SAMPLE_Y = {1: np.array([0], np.int64), 4: np.array([-6, -2, 2, 6], np.int64) * 
 MARGIN = {1: 0, 4: 96}  # farthest sample from the centre along an axis
 
 
-def _num_quads(odd_row: int, odd_column: int, bits: int) -> int:
-    """2x2 blocks, aligned to even pixels, that hold the set bits of a `types.Triangles.cover` from an odd or even pixel on."""
-    return len({(y + odd_row >> 1, x + odd_column >> 1) for y, x in np.ndindex(2, 2) if bits >> (2 * y + x) & 1})
+def _num_pairs(odd: int, bits: int) -> int:
+    """Pairs of columns, aligned to even ones, that hold the set bits of four columns from an even or odd one on."""
+    return len({(column + odd) >> 1 for column in range(SIDE) if bits >> column & 1})
 
 
-QUADS = np.array(
-    [_num_quads(*place) for place in np.ndindex(2, 2, 16)], np.uint8
-)  # [32 * odd_row + 16 * odd_column + bits]
-BIT_COUNT = np.array([bin(bits).count("1") for bits in range(16)], np.uint8)
+_PAIRS = np.array([_num_pairs(*place) for place in np.ndindex(2, 16)], np.uint8)  # [16 * odd + bits]
+
+
+@inlined
+def num_quads(x0, y0, bits):
+    """2x2 blocks, aligned to even pixels, that hold the set bits of a `types.Triangles.cover` of a box from (x0, y0) on."""
+    if bits & (bits - 1) == 0:
+        return np.int64(bits != 0)
+    odd = np.uint32(16 * (x0 & 1))
+    rows = bits << (4 * (y0 & 1))  # five, the first even
+    rows |= rows >> 4
+    first, second, third = np.uint32(rows & 15), np.uint32((rows >> 8) & 15), np.uint32((rows >> 16) & 15)
+    return np.int64(_PAIRS[odd + first]) + np.int64(_PAIRS[odd + second]) + np.int64(_PAIRS[odd + third])
 
 
 @inlined
@@ -119,13 +133,26 @@ def fill_small(
     return covered, passed, quads
 
 
+def lowest_bit(bits: Any) -> int:
+    """Number of the lowest bit that is set, of an integer that is not 0."""
+    return (int(bits) & -int(bits)).bit_length() - 1
+
+
+_trailing_zeros: Any = numbers.trailing_zeros
+
+
+@extending.overload(lowest_bit)
+def _lowest_bit(bits):
+    return lambda bits: np.int64(_trailing_zeros(bits))
+
+
 @inlined
 def fill_covered(
     bits, t, x0, y0, xa, ya, xb, yb, xc, yc, z_a, z_b, z_c, lo, hi, width, depth, visible, ties, order, stored
 ):  # fmt: skip
     """As `fill_small`, of a triangle whose box begins at pixel (x0, y0) and of which is known what it covers.
 
-    bits : as in `types.Triangles.cover`. Returns samples passed, 2x2 blocks of pixels with a sample passed.
+    bits : as in `types.Triangles.cover`, of the pixels that are to be drawn.
     """
     x, y = (x0 << 8) + 128, (y0 << 8) + 128
     rx, ry = np.int64(xc) - x, np.int64(yc) - y
@@ -138,23 +165,25 @@ def fill_covered(
     plane = (base, np.float64(z_b) - base, np.float64(z_c) - base, lo, hi)
     area = np.float64(dx2 * (ry - py) - dy2 * (rx - px))
     first = y0 * width + x0
-    passed, seen = 0, np.int64(0)
+    covered, passed, seen = 0, 0, np.int64(0)
     while bits:
+        place = lowest_bit(bits)
         bit = bits & -bits
         bits ^= bit
-        row, column = bit >> 2 != 0, bit & 0b1010 != 0
-        k = np.uint32(first + (width if row else 0) + column)  # an index that may be negative costs a test
+        covered += 1
+        row, column = place >> 2, place & 3
+        k = np.uint32(first + row * width + column)  # an index that may be negative costs a test
         d = depth[k]
         if lo < d or ties:
-            f1 = e1 + ((dx1 << 8) if row else 0) - ((dy1 << 8) if column else 0)
-            f2 = e2 + ((dx2 << 8) if row else 0) - ((dy2 << 8) if column else 0)
+            f1 = e1 + ((dx1 * row - dy1 * column) << 8)
+            f2 = e2 + ((dx2 * row - dy2 * column) << 8)
             z = _depth(plane, area, f1, f2)
             if z < d or (ties and z == d and comes_before(t, visible[k], order, stored[k])):
                 depth[k] = z
                 visible[k] = t
                 passed += 1
                 seen |= bit
-    return passed, np.int64(QUADS[32 * (y0 & 1) + 16 * (x0 & 1) + seen])
+    return covered, passed, num_quads(x0, y0, seen)
 
 
 @helper

@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline import domain, pixel, primitives
-from pipeline.inside import UNKNOWN, Lanes, make_lanes
+from pipeline.inside import UNKNOWN, Lanes, box_bits, make_lanes
 from pipeline.jit import helper, kernel
 from pipeline.types import F32, F64, I64, U8, DomainPoints, Triangles, Window
 from tiler.front_end import allocate_window
-from tiler.rasterizer import BIT_COUNT, IN_LOOP, depth_limits, fill_covered, fill_small, rasterize
+from tiler.rasterizer import IN_LOOP, depth_limits, fill_covered, fill_small, rasterize
 from tiler.shading import shade_tile
 from tiler.tile import TILE_GRID, TileCount, clear_rect, draw_grid, forget_rect, resolve_rect
 
@@ -80,7 +80,7 @@ def make_room(most_points: int, most_triangles: int, num_tiles: int) -> Room:
             used=np.empty(0, np.int32),
             vertex=np.empty((triangles, 3), np.int32),
             box=np.empty((triangles, 4), np.int16),
-            cover=np.empty(triangles, np.uint8),
+            cover=np.empty(triangles, np.uint16),
             edges=np.empty(triangles, np.uint8),
             patch=np.empty(triangles, np.int32),
             source=np.empty(triangles, np.int32),
@@ -170,12 +170,12 @@ def _draw_patch(
         if x0 < limits[0] or y0 < limits[1] or x1 >= limits[2] or y1 >= limits[3]:
             return -1
         pairs += ((x1 >> log2) - (x0 >> log2) + 1) * ((y1 >> log2) - (y0 >> log2) + 1)
-        bits = np.int64(cover[t])
+        bits, left0, top0 = np.int64(cover[t]), x0, y0
+        known = one_sample and bits != UNKNOWN
         if x0 < left or y0 < top or x1 > right or y1 > bottom:
             x0, y0, x1, y1 = max(x0, left), max(y0, top), min(x1, right), min(y1, bottom)
             if x0 > x1 or y0 > y1:
                 continue
-            bits = np.int64(UNKNOWN)  # they are of the whole box
         tile = np.uint32((y0 >> log2) * tiles_x + (x0 >> log2))
         in_one = (x0 ^ x1) >> log2 == 0 and (y0 ^ y1) >> log2 == 0
         if bits == 0 and in_one:  # a queue entry, and no more
@@ -183,24 +183,19 @@ def _draw_patch(
             continue
         a, b, c = np.uint32(vertex[t, 0]), np.uint32(vertex[t, 1]), np.uint32(vertex[t, 2])
         lo, hi = depth_limits(zs[a], zs[b], zs[c], depth_range)
-        if bits != UNKNOWN and in_one:
-            passed, quads = fill_covered(
-                bits, t, x0, y0, xs[a], ys[a], xs[b], ys[b], xs[c], ys[c], zs[a], zs[b], zs[c], lo, hi, width, depth, visible,
-                False, order, stored,
-            )  # fmt: skip
-            queued[tile] += 1
-            counts[tile, _COVERED] += BIT_COUNT[bits]
-            counts[tile, _PASSED] += passed
-            counts[tile, _PS] += passed
-            counts[tile, _HELPERS] += 4 * quads - passed
-            continue
         small = one_sample and x1 - x0 < IN_LOOP and y1 - y0 < IN_LOOP
         for ty in range(y0 >> log2, (y1 >> log2) + 1):
             for tx in range(x0 >> log2, (x1 >> log2) + 1):
-                tile = ty * tiles_x + tx
+                tile = np.uint32(ty * tiles_x + tx)
                 tx0, ty0 = max(x0, tx << log2), max(y0, ty << log2)
                 tx1, ty1 = min(x1, ((tx + 1) << log2) - 1), min(y1, ((ty + 1) << log2) - 1)
-                if small:
+                if known:
+                    covered, passed, quads = fill_covered(
+                        bits & box_bits(tx0 - left0, ty0 - top0, tx1 - left0, ty1 - top0), t, left0, top0, xs[a], ys[a], xs[b],
+                        ys[b], xs[c], ys[c], zs[a], zs[b], zs[c], lo, hi, width, depth, visible, False, order, stored,
+                    )  # fmt: skip
+                    pixels = passed
+                elif small:
                     covered, passed, quads = fill_small(
                         t, tx0, ty0, tx1, ty1, xs[a], ys[a], xs[b], ys[b], xs[c], ys[c], zs[a], zs[b], zs[c], lo, hi, width,
                         depth, visible, False, order, stored,

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.inside import UNKNOWN
+from pipeline.inside import UNKNOWN, box_bits
 from pipeline.jit import helper, inlined, kernel
 from pipeline.pixel import Shade
 from pipeline.primitives import NUM_OUTCOMES
@@ -25,7 +25,7 @@ from pipeline.types import F32, F64, I32, I64, U8
 from tiler.coarse_z import hidden_at, hides, propagate, recompute_block
 from tiler.near_planes import nearest_in
 from tiler.occlusion import hidden_hull
-from tiler.rasterizer import BIT_COUNT, IN_LOOP, depth_limits, fill_covered, fill_small, rasterize
+from tiler.rasterizer import IN_LOOP, depth_limits, fill_covered, fill_small, rasterize
 from tiler.shading import shade_tile
 
 
@@ -380,21 +380,18 @@ def _work_off(
                 continue
             drawn += 1
             bits = np.int64(cover[t])
-            if at_once and bits == 0:
-                continue
-            if (
-                at_once
-                and bits != UNKNOWN
-                and box[t, 0] == x0
-                and box[t, 1] == y0
-                and box[t, 2] == x1
-                and box[t, 3] == y1
-            ):
-                passed, quads = fill_covered(
-                    bits, t, x0, y0, xs[a], ys[a], xs[b], ys[b], xs[c], ys[c], z_a, z_b, z_c, lo, hi, width, depth, visible,
-                    ties, order, stored,
+            known = at_once and bits != UNKNOWN
+            if known:
+                left0, top0 = np.int64(box[t, 0]), np.int64(box[t, 1])
+                if x0 > left0 or y0 > top0 or x1 < box[t, 2] or y1 < box[t, 3]:
+                    bits &= box_bits(x0 - left0, y0 - top0, x1 - left0, y1 - top0)
+                if bits == 0:
+                    continue
+                covered, passed, quads = fill_covered(
+                    bits, t, left0, top0, xs[a], ys[a], xs[b], ys[b], xs[c], ys[c], z_a, z_b, z_c, lo, hi, width, depth,
+                    visible, ties, order, stored,
                 )  # fmt: skip
-                covered, pixels = int(BIT_COUNT[bits]), passed
+                pixels = passed
             elif at_once and x1 - x0 < IN_LOOP and y1 - y0 < IN_LOOP:
                 covered, passed, quads = fill_small(
                     t, x0, y0, x1, y1, xs[a], ys[a], xs[b], ys[b], xs[c], ys[c], z_a, z_b, z_c, lo, hi, width, depth,
