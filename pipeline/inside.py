@@ -24,10 +24,13 @@ SIDE = 4  # pixels a side of the boxes of which Triangles.cover says what is cov
 UNKNOWN = 0xFFFF  # it is not known; no triangle covers the centres of 4x4 pixels and has a box as small as that
 
 
+NARROW = 1 << 15  # 1/256 pixel: the lanes of a smaller patch are half as wide
+
+
 class Lanes(NamedTuple):
     """Scratch of one thread."""
 
-    corner: I64  # (points of the largest pattern,) of the patch at hand: y << 32 | x, 16.8 fixed point
+    corner: I64  # (points of the largest pattern,) of the patch at hand, 16.8 fixed point
     rows: I64  # (SCRATCH,)
 
 
@@ -36,15 +39,38 @@ def make_lanes(most_points: int) -> Lanes:
     return Lanes(np.empty(most_points, np.int64), np.empty(SCRATCH, np.int64))
 
 
-@helper
-def _pack(base, n, xs, ys, corner):
-    """Both window coordinates of a point in one word, so that a triangle fetches three words."""
-    x, y = xs[base : base + n], ys[base : base + n]
-    for i in range(n):
-        corner[i] = (np.int64(y[i]) << 32) | (np.int64(x[i]) & 0xFFFFFFFF)
+@inlined
+def _extent(values):
+    """Least and greatest of int32 values."""
+    least, greatest = values[0], values[0]
+    for k in range(len(values)):
+        least, greatest = min(least, values[k]), max(greatest, values[k])
+    return least, greatest
 
 
-@helper
+@inlined
+def _pack(xs, ys, x, y, half, corner):
+    """Both window coordinates of each point, relative to (x, y), in one word of `corner`: a triangle fetches three words.
+
+    half : bits of a word's half, which holds x in its lower part.
+    """
+    lane = corner.dtype.type
+    for i in range(len(corner)):
+        corner[i] = (lane(ys[i] - y) << half) | (lane(xs[i] - x) & ((lane(1) << half) - 1))
+
+
+@inlined
+def _x(word, half, lane):
+    """x of a word of `_pack`."""
+    return lane(lane(word << half) >> half)
+
+
+@inlined
+def _y(word, half, lane):
+    return lane(word >> half)
+
+
+@inlined
 def _fetch(first, n, indices, corner, rows):
     """Rows A, B, C: the corners of triangles first .. first+n-1."""
     for i in range(n):
@@ -54,41 +80,46 @@ def _fetch(first, n, indices, corner, rows):
 
 
 @inlined
-def _decide(n, rows, bounds, margin, face_cull):
+def _decide(n, half, origin, rows, bounds, margin, face_cull):
     """Rows X0 .. Y1: boxes; ALIVE: whether a triangle goes on; TURNED: whether it is counter-clockwise.
 
     Returns how many have no area, face the wrong way, hold no sample, lie off the screen: each in the first of these.
     """
-    left, top, right, bottom = bounds
+    lane = rows.dtype.type
+    left, top, right, bottom = lane(bounds[0]), lane(bounds[1]), lane(bounds[2]), lane(bounds[3])
     pa, pb, pc = rows[A : A + n], rows[B : B + n], rows[C : C + n]
     out_x0, out_y0, out_x1, out_y1 = rows[X0 : X0 + n], rows[Y0 : Y0 + n], rows[X1 : X1 + n], rows[Y1 : Y1 + n]
     alive, turned = rows[ALIVE : ALIVE + n], rows[TURNED : TURNED + n]
-    drop_back, drop_front = np.int64(face_cull == CULL_BACK), np.int64(face_cull == CULL_FRONT)
-    zero_area, culled, no_sample, offscreen = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
+    drop_back, drop_front = lane(face_cull == CULL_BACK), lane(face_cull == CULL_FRONT)
+    first_x, first_y = lane(origin[0] + 127 - margin), lane(origin[1] + 127 - margin)
+    last_x, last_y = lane(origin[0] - 128 + margin), lane(origin[1] - 128 + margin)
+    one = lane(1)
+    zero_area, culled, no_sample, offscreen = lane(0), lane(0), lane(0), lane(0)
     for i in range(n):
-        xa, ya = (pa[i] << 32) >> 32, pa[i] >> 32
-        xb, yb = (pb[i] << 32) >> 32, pb[i] >> 32
-        xc, yc = (pc[i] << 32) >> 32, pc[i] >> 32
-        area = (xb - xa) * (yc - ya) - (yb - ya) * (xc - xa)
-        zero, back = np.int64(area == 0), np.int64(area < 0)
-        wrong = ((back & drop_back) | ((1 - back) & drop_front)) & (1 - zero)
-        x0, y0 = (min(xa, xb, xc) + 127 - margin) >> 8, (min(ya, yb, yc) + 127 - margin) >> 8
-        x1, y1 = (max(xa, xb, xc) - 128 + margin) >> 8, (max(ya, yb, yc) - 128 + margin) >> 8
-        faces = (1 - zero) & (1 - wrong)
-        empty = np.int64(x0 > x1) | np.int64(y0 > y1)
+        xa, ya = _x(pa[i], half, lane), _y(pa[i], half, lane)
+        xb, yb = _x(pb[i], half, lane), _y(pb[i], half, lane)
+        xc, yc = _x(pc[i], half, lane), _y(pc[i], half, lane)
+        area = lane(lane(xb - xa) * lane(yc - ya)) - lane(lane(yb - ya) * lane(xc - xa))
+        area = lane(area)
+        zero, back = lane(area == 0), lane(area < 0)
+        wrong = lane(((back & drop_back) | ((one - back) & drop_front)) & (one - zero))
+        x0, y0 = lane(lane(min(xa, xb, xc) + first_x) >> 8), lane(lane(min(ya, yb, yc) + first_y) >> 8)
+        x1, y1 = lane(lane(max(xa, xb, xc) + last_x) >> 8), lane(lane(max(ya, yb, yc) + last_y) >> 8)
+        faces = lane((one - zero) & (one - wrong))
+        empty = lane(x0 > x1) | lane(y0 > y1)
         x0, y0, x1, y1 = max(x0, left), max(y0, top), min(x1, right), min(y1, bottom)
-        out = np.int64(x0 > x1) | np.int64(y0 > y1)
+        out = lane(x0 > x1) | lane(y0 > y1)
         out_x0[i], out_y0[i], out_x1[i], out_y1[i] = x0, y0, x1, y1
         turned[i] = back
-        alive[i] = faces & (1 - (empty | out))
-        zero_area += zero
-        culled += wrong
-        no_sample += faces & empty
-        offscreen += faces & out & (1 - empty)
-    return zero_area, culled, no_sample, offscreen
+        alive[i] = faces & (one - (empty | out))
+        zero_area = lane(zero_area + zero)
+        culled = lane(culled + wrong)
+        no_sample = lane(no_sample + lane(faces & empty))
+        offscreen = lane(offscreen + lane(faces & out & (one - empty)))
+    return np.int64(zero_area), np.int64(culled), np.int64(no_sample), np.int64(offscreen)
 
 
-@helper
+@inlined
 def _list(n, rows):
     """Row LIST: the numbers in the run of the triangles that go on; how many."""
     found = 0
@@ -98,7 +129,7 @@ def _list(n, rows):
     return found
 
 
-@helper
+@inlined
 def _gather(n, rows):
     """Rows A .. Y1 and TURNED: those of the n triangles in row LIST, corners clockwise from here on; the first corner stays."""
     for k in range(n):
@@ -117,16 +148,17 @@ def _bias(dx, dy):
 
 
 @inlined
-def _edges(k, pa, pb, pc, x0, y0):
+def _edges(k, half, origin, pa, pb, pc, x0, y0):
     """Of a clockwise triangle dx, dy of three edges and their values, biased, at the centre of pixel (x0, y0).
 
     As in `tiler.rasterizer`, top-left rule. In 32 bits, which hold them for boxes of SIDE x SIDE pixels; of others they are
     nonsense, and not used.
     """
-    x, y = (x0[k] << 8) + 128, (y0[k] << 8) + 128
-    px, py = np.int32(((pa[k] << 32) >> 32) - x), np.int32((pa[k] >> 32) - y)  # corners from that centre
-    qx, qy = np.int32(((pb[k] << 32) >> 32) - x), np.int32((pb[k] >> 32) - y)
-    rx, ry = np.int32(((pc[k] << 32) >> 32) - x), np.int32((pc[k] >> 32) - y)
+    lane = pa.dtype.type
+    x, y = (x0[k] << 8) + 128 - origin[0], (y0[k] << 8) + 128 - origin[1]
+    px, py = np.int32(_x(pa[k], half, lane) - x), np.int32(_y(pa[k], half, lane) - y)  # corners from that centre
+    qx, qy = np.int32(_x(pb[k], half, lane) - x), np.int32(_y(pb[k], half, lane) - y)
+    rx, ry = np.int32(_x(pc[k], half, lane) - x), np.int32(_y(pc[k], half, lane) - y)
     dx0, dy0, dx1, dy1 = np.int32(rx - qx), np.int32(ry - qy), np.int32(px - rx), np.int32(py - ry)
     dx2, dy2 = np.int32(qx - px), np.int32(qy - py)
     e0 = np.int32(dy0 * qx - dx0 * qy + _bias(dx0, dy0))
@@ -172,18 +204,18 @@ def box_bits(first_column, first_row, last_column, last_row):
 
 
 @inlined
-def _cover_at_most_two(n, pa, pb, pc, x0, y0, x1, y1, cover):
+def _cover_at_most_two(n, half, origin, pa, pb, pc, x0, y0, x1, y1, cover):
     """As `_cover_at_most_four`, where no box has more than 2x2 pixels."""
     for k in range(n):
-        dx, dy, values = _edges(k, pa, pb, pc, x0, y0)
+        dx, dy, values = _edges(k, half, origin, pa, pb, pc, x0, y0)
         bits = _two(values, dy) | (_two(_move(values, dx, 1), dy) << 4)
         cover[k] = bits & box_bits(0, 0, x1[k] - x0[k], y1[k] - y0[k])
 
 
 @inlined
-def _cover_at_most_four(n, pa, pb, pc, x0, y0, x1, y1, cover):
+def _cover_at_most_four(n, half, origin, pa, pb, pc, x0, y0, x1, y1, cover):
     for k in range(n):
-        dx, dy, values = _edges(k, pa, pb, pc, x0, y0)
+        dx, dy, values = _edges(k, half, origin, pa, pb, pc, x0, y0)
         wide, high = x1[k] - x0[k], y1[k] - y0[k]
         bits = _four(values, dy) | (_four(_move(values, dx, 1), dy) << 4)
         bits |= (_four(_move(values, dx, 2), dy) << 8) | (_four(_move(values, dx, 3), dy) << 12)
@@ -192,7 +224,7 @@ def _cover_at_most_four(n, pa, pb, pc, x0, y0, x1, y1, cover):
 
 
 @inlined
-def _cover(n, rows):
+def _cover(n, half, origin, rows):
     """Row COVER, as `types.Triangles.cover` has it, of n clockwise triangles."""
     pa, pb, pc = rows[A : A + n], rows[B : B + n], rows[C : C + n]
     x0, y0, x1, y1 = rows[X0 : X0 + n], rows[Y0 : Y0 + n], rows[X1 : X1 + n], rows[Y1 : Y1 + n]
@@ -201,9 +233,47 @@ def _cover(n, rows):
     for k in range(n):
         sizes |= (x1[k] - x0[k]) | (y1[k] - y0[k])
     if sizes < 2:
-        _cover_at_most_two(n, pa, pb, pc, x0, y0, x1, y1, cover)
+        _cover_at_most_two(n, half, origin, pa, pb, pc, x0, y0, x1, y1, cover)
     else:
-        _cover_at_most_four(n, pa, pb, pc, x0, y0, x1, y1, cover)
+        _cover_at_most_four(n, half, origin, pa, pb, pc, x0, y0, x1, y1, cover)
+
+
+@inlined
+def _set_up_runs(
+    half, origin, corner, rows, patch, first, last, base, indices, bounds, margin, face_cull, vertex, box, cover, edges,
+    patches, source, t, used,
+):  # fmt: skip
+    """`set_up_inside` for corners that are packed, in lanes as wide as a word of `corner` and `rows`."""
+    zero_area, culled, no_sample, offscreen = 0, 0, 0, 0
+    for begin in range(first, last, RUN):
+        n = min(RUN, last - begin)
+        _fetch(begin, n, indices, corner, rows)
+        zero, wrong, empty, out = _decide(n, half, origin, rows, bounds, margin, face_cull)
+        zero_area += zero
+        culled += wrong
+        no_sample += empty
+        offscreen += out
+        if zero + wrong + empty + out == n:
+            continue
+        found = _list(n, rows)
+        _gather(found, rows)
+        if margin == 0:  # samples lie at the pixels' centres
+            _cover(found, half, origin, rows)
+        for k in range(found):
+            s, at = begin + np.int64(rows[LIST + k]), np.uint32(t + k)
+            number = np.uint32(3 * s)
+            a, b, c = indices[number], indices[number + ONE], indices[number + TWO]
+            a, b, c = np.uint32(a + base), np.uint32(b + base), np.uint32(c + base)
+            used[a], used[b], used[c] = 1, 1, 1
+            back = rows[TURNED + k] != 0
+            vertex[at, 0], vertex[at, 1], vertex[at, 2] = a, c if back else b, b if back else c
+            box[at, 0], box[at, 1], box[at, 2], box[at, 3] = rows[X0 + k], rows[Y0 + k], rows[X1 + k], rows[Y1 + k]
+            cover[at] = rows[COVER + k] if margin == 0 else UNKNOWN
+            edges[at] = 7 | BACK_FACE if back else 7
+            patches[at] = patch
+            source[at] = s - first
+        t += found
+    return t, zero_area, culled, no_sample, offscreen
 
 
 @helper
@@ -217,35 +287,18 @@ def set_up_inside(
     the others have no area, face the wrong way, hold no sample, and lie off the screen. used : uint8[V], set to 1 for the
     vertices of what goes on. lanes : scratch; `vertex` .. `source`, as in `types.Triangles`, are modified in place.
     """
-    rows = lanes.rows
-    zero_area, culled, no_sample, offscreen = 0, 0, 0, 0
-    _pack(base, num_points, xs, ys, lanes.corner)
-    for begin in range(first, last, RUN):
-        n = min(RUN, last - begin)
-        _fetch(begin, n, indices, lanes.corner, rows)
-        zero, wrong, empty, out = _decide(n, rows, bounds, margin, face_cull)
-        zero_area += zero
-        culled += wrong
-        no_sample += empty
-        offscreen += out
-        if zero + wrong + empty + out == n:
-            continue
-        found = _list(n, rows)
-        _gather(found, rows)
-        if margin == 0:  # samples lie at the pixels' centres
-            _cover(found, rows)
-        for k in range(found):
-            s, at = begin + rows[LIST + k], np.uint32(t + k)
-            corner = np.uint32(3 * s)
-            a, b, c = indices[corner], indices[corner + ONE], indices[corner + TWO]
-            a, b, c = np.uint32(a + base), np.uint32(b + base), np.uint32(c + base)
-            used[a], used[b], used[c] = 1, 1, 1
-            back = rows[TURNED + k] != 0
-            vertex[at, 0], vertex[at, 1], vertex[at, 2] = a, c if back else b, b if back else c
-            box[at, 0], box[at, 1], box[at, 2], box[at, 3] = rows[X0 + k], rows[Y0 + k], rows[X1 + k], rows[Y1 + k]
-            cover[at] = rows[COVER + k] if margin == 0 else UNKNOWN
-            edges[at] = 7 | BACK_FACE if back else 7
-            patches[at] = patch
-            source[at] = s - first
-        t += found
-    return t, zero_area, culled, no_sample, offscreen
+    x, y = xs[base : base + num_points], ys[base : base + num_points]
+    (x0, x1), (y0, y1) = _extent(x), _extent(y)
+    if max(np.int64(x1) - x0, np.int64(y1) - y0) < NARROW:  # then twice a triangle's area has 31 bits
+        corner, rows = lanes.corner.view(np.int32)[:num_points], lanes.rows.view(np.int32)
+        _pack(x, y, x0, y0, 16, corner)
+        return _set_up_runs(
+            16, (x0, y0), corner, rows, patch, first, last, base, indices, bounds, margin, face_cull, vertex, box, cover,
+            edges, patches, source, t, used,
+        )  # fmt: skip
+    zero = np.int32(0)
+    _pack(x, y, zero, zero, 32, lanes.corner[:num_points])
+    return _set_up_runs(
+        32, (zero, zero), lanes.corner, lanes.rows, patch, first, last, base, indices, bounds, margin, face_cull, vertex, box,
+        cover, edges, patches, source, t, used,
+    )  # fmt: skip

@@ -342,9 +342,9 @@ def assemble(
         patch = live[k]
         pattern = patterns.of_patch[patch]
         base, count = points.first[k], points.first[k + 1] - points.first[k]
-        any_code = np.uint8(0)
-        for i in range(base, base + count):
-            any_code |= window.code[i]
+        any_code, code = np.uint8(0), window.code[base : base + count]
+        for i in range(count):
+            any_code |= code[i]
         if any_code == 0:
             first, last = patterns.first_triangle[pattern], patterns.first_triangle[pattern + 1]
             t, zero_area, culled, no_sample, offscreen = set_up_inside(

@@ -37,9 +37,9 @@ STRETCH = FRAGMENTS // 2  # most samples that are listed at a time
 @inlined
 def _shows(visible, begin, end):
     """Whether a triangle is seen at any of these samples. A loop that vectorizes: most rows of a batch show nothing."""
-    most = np.int32(-1)
-    for k in range(begin, end):
-        most = max(most, visible[k])
+    most, row = np.int32(-1), visible[begin:end]  # of a part, no index is from the end
+    for k in range(len(row)):
+        most = max(most, row[k])
     return most >= 0
 
 

@@ -124,9 +124,10 @@ class Touched(NamedTuple):
 
 @inlined
 def _set(values, begin, end, value):
-    """A run of a flat array: the loop becomes a fill."""
-    for k in range(begin, end):
-        values[k] = value
+    """A run of a flat array: the loop becomes a fill, as no index into a part of it is from the end."""
+    part = values[begin:end]
+    for k in range(len(part)):
+        part[k] = value
 
 
 @helper
