@@ -73,10 +73,10 @@ def _y(word, half, lane):
 @inlined
 def _fetch(first, n, indices, corner, rows):
     """Rows A, B, C: the corners of triangles first .. first+n-1."""
+    numbers = indices[3 * first : 3 * (first + n)]
     for i in range(n):
-        rows[A + i] = corner[indices[3 * (first + i)]]
-        rows[B + i] = corner[indices[3 * (first + i) + 1]]
-        rows[C + i] = corner[indices[3 * (first + i) + 2]]
+        k = np.uint32(3 * i)  # an index that may be negative costs a test
+        rows[A + i], rows[B + i], rows[C + i] = corner[numbers[k]], corner[numbers[k + ONE]], corner[numbers[k + TWO]]
 
 
 @inlined

@@ -17,7 +17,7 @@ from tiler.queues import Queues, queue_bytes
 from tiler.regions import Drawn
 from tiler.scene.model import Scene
 from tiler.subpatch import Split
-from tiler.tile import NUM_TILE_COUNTS, Target, TileCount
+from tiler.tile import NUM_TILE_COUNTS, Target, TileCount, count_seen
 from tiler.tile_walk import walk_tiles
 from tiler.units import Units, num_domain_points
 
@@ -195,7 +195,7 @@ class Tally:
             values[f"bin_{binning}_tile_pairs"] = entries if self.machine.binning == binning else 0
         values["queue_longest"] = int(self.tiles[:, TileCount.QUEUE_ENTRIES].max())
         values["om_samples_failed"] = values["rs_samples_covered"] - values["om_samples_passed"]
-        values["om_samples_visible"] = int(np.count_nonzero(target.depth < 1.0))
+        values["om_samples_visible"] = int(count_seen(target.depth.ravel()))
         return Counters(values)
 
     def queues(self, memory: QueueReport) -> Queues:
@@ -211,6 +211,7 @@ class Tally:
     def core_sums(self) -> dict[str, I64]:
         """Per-tile counters summed over the tiles of each simulated core, int64[cores]."""
         cores = self.machine.cores
-        sums = np.zeros((NUM_TILE_COUNTS, cores), np.int64)
-        np.add.at(sums.T, np.arange(self.grid.num_tiles) % cores, self.tiles[self.walk])
-        return {name: sums[column] for name, column in TILE_COUNTERS.items()}
+        turns = np.zeros((-(-self.grid.num_tiles // cores) * cores, NUM_TILE_COUNTS), np.int64)
+        turns[: self.grid.num_tiles] = self.tiles[self.walk]
+        sums = turns.reshape(-1, cores, NUM_TILE_COUNTS).sum(axis=0)
+        return {name: sums[:, column].copy() for name, column in TILE_COUNTERS.items()}

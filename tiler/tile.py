@@ -145,6 +145,15 @@ def clear_rect(rect, background, target):
             _set(order, begin, end, np.int64(-1))
 
 
+@kernel
+def count_seen(depth):
+    """How many samples of depth, float32, flat, hold a triangle."""
+    far, seen = np.float32(1.0), 0
+    for k in range(len(depth)):
+        seen += depth[k] < far
+    return seen
+
+
 @helper
 def forget_rect(rect, target):
     """Forget which triangles are seen in these pixels."""
