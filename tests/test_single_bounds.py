@@ -5,11 +5,12 @@ import pytest
 
 from pipeline.bounds import BOUNDS, normals, oriented, single_normals
 from pipeline.bounds.cbox import position_errors
+from pipeline.bounds.extremes import QUAD, find_extremes
 from pipeline.bounds.general import evaluate
 from pipeline.bounds.lanes import LANES
 from pipeline.bounds.lookup import displacement_ranges
 from pipeline.bounds.project import allocate_boxes
-from pipeline.bounds.transpose import load_block, store_block
+from pipeline.bounds.transpose import fill_tail, load_block, store_block
 from pipeline.jit import kernel
 from tests import cone_twin
 from tests.naive_domain import NaiveMap
@@ -85,6 +86,32 @@ def test_points_of_a_block_become_rows_and_rows_become_boxes():
             flat = target.reshape(LANES + 7, width)
             np.testing.assert_array_equal(flat[first : first + count], source[5 : 5 + width, :count].T)
             assert not flat[:first].any() and not flat[first + count :].any()
+
+
+@kernel
+def _extremes(control_points, first, tail, s):
+    fill_tail(control_points, first, tail)
+    return find_extremes(control_points, first, tail, s)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_extremes_of_a_block_are_those_of_its_points_and_broken_ones_are_told(compiled):
+    rng = np.random.default_rng(0)
+    cp = rng.normal(size=(LANES + 7, 64)).astype(np.float32)
+    s, tail = np.zeros(2 * QUAD * LANES, np.float32), np.zeros((LANES, 64), np.float32)
+    run = _extremes if compiled else _extremes.py_func
+    for first, count in ((0, LANES), (LANES, 7)):
+        assert run(cp, first, tail, s)
+        points = cp[first : first + count].reshape(count, 16, 4)
+        low, high = s.reshape(2, LANES, QUAD)[:, :count, :3]
+        np.testing.assert_array_equal(low, points.min(axis=1)[:, :3])
+        np.testing.assert_array_equal(high, points.max(axis=1)[:, :3])
+        for number in (np.nan, np.inf, -np.inf):
+            for k in range(48):
+                broken = cp.copy()
+                broken[first + k % count].reshape(16, 4)[k % 16, k // 16] = number
+                with np.errstate(invalid="ignore"):
+                    assert not run(broken, first, tail, s)
 
 
 # Beside float64

@@ -356,7 +356,7 @@ def _box(kind: int, stage: HullInput, ranges: F64) -> Boxes:
 
 
 BOXES: dict[str, Callable[[HullInput, F64], Boxes]] = {
-    "cbox": lambda stage, ranges: cbox.box_patches(stage, np.ascontiguousarray(stage.pyramids.whole.T), True),
+    "cbox": lambda stage, ranges: cbox.box_patches(stage, stage.pyramids.whole, True),
     "max_displacement": lambda stage, ranges: cbox.box_patches(stage, ranges, False),
     "obbtex": partial(_box, oriented.NOTHING),
     "tpatch": partial(_box, normals.TPATCH),

@@ -10,22 +10,22 @@ two such sums, and as all weights are positive both errors are relative to w: (1
 component exceeds 1 by at most 4 u; t n and p + t n round once each. The constants below are those, rounded up, which
 covers float64 too. The maxima are over the whole patch: that is what the shader adds up, in a part of it as well.
 
-The least and the greatest of float32 numbers are exact in float32: whole patches are reduced in it, in blocks (`lanes`),
+The least and the greatest of float32 numbers are exact in float32: whole patches are reduced in it, in blocks (`extremes`),
 and widened in float64. Others go by the scalar functions.
 """
 
 import numpy as np
 
+from pipeline.bounds.extremes import HIGH, LOW, QUAD, find_extremes
 from pipeline.bounds.gregory import most_inner_weight, reach_of_inner, widest_inner
-from pipeline.bounds.lanes import LANES, least4, most4
+from pipeline.bounds.lanes import LANES, aligned
 from pipeline.bounds.project import Boxes, allocate_boxes, project_boxes, unprojected
 from pipeline.bounds.restrict import project_net, restrict_patch
-from pipeline.bounds.transpose import load_block, prefer_wide, store_block
+from pipeline.bounds.transpose import fill_tail, prefer_wide
 from pipeline.jit import helper, inlined, kernel
 from pipeline.types import F64, HullInput, PatchBounds
 
 U = 2.0**-24
-ZERO, ONE = np.float32(0.0), np.float32(1.0)
 UNDERFLOW = 2.0**-140  # above the rounding of denormal results
 
 
@@ -116,135 +116,116 @@ def _fill_box(p, box, reach, bounds):
     bounds.cone_cos[p] = -1.0
 
 
+@inlined
+def _reach_of(p, map_id, ranges, by_map):
+    """How far patch p may be displaced; ranges as in `box_patches`."""
+    if by_map:
+        m = map_id[p]
+        return max(abs(ranges[m, 0]), abs(ranges[m, 1])) if m >= 0 else 0.0
+    return max(abs(ranges[0, p]), abs(ranges[1, p]))
+
+
 @kernel
 def _fill_boxes(numbers, patches, domain, ranges, by_map, net, bounds):
     for p in numbers:
-        column = patches.map_id[p] if by_map else p
-        reach = max(abs(ranges[0, column]), abs(ranges[1, column])) if column >= 0 else 0.0
+        reach = _reach_of(p, patches.map_id, ranges, by_map)
         _fill_box(p, _restricted_box(patches, p, domain, net), reach, bounds)
 
 
-# Whole polynomial patches, in blocks. Rows of float32: the points, least, greatest and poison of x, y, z, PLAIN; of
-# float64: center, axes and the reach of the displacement.
+# Whole polynomial patches, in blocks. What is known of a patch's x, y, z (and w, which is of no use) lies in a row, patch
+# after patch: in float32 as `extremes` leaves it, in float64 center, half extents and the reach of the displacement.
 
-LOW, HIGH, POISON, PLAIN, ROWS = 48, 51, 54, 57, 58
-CENTER, AXES, REACH, ROWS64 = 0, 3, 12, 13
+CENTER, HALF, REACH, ROWS64 = 0, QUAD, 2 * QUAD, 3 * QUAD
+MIXED = np.int32(-2)  # maps
+
+
+@helper
+def find_left(rational, tangent_id, gregory_id, ends, left):
+    """left bool[n]: whether a patch is not plain: polynomial, with no tangent patches or inner points, and whole.
+
+    ends : domains, float64[4 n]. Returns whether one is left. Of all patches at once, without a branch: so it vectorizes.
+    """
+    some = np.uint8(0)
+    for p in range(len(left)):
+        i = np.uintp(4) * np.uintp(p)
+        curved = (rational[p] != 0) | (tangent_id[p] >= 0) | (gregory_id[p] >= 0)
+        starts = (ends[i] != 0.0) | (ends[i + np.uintp(2)] != 0.0)
+        stops = (ends[i + np.uintp(1)] != 1.0) | (ends[i + np.uintp(3)] != 1.0)
+        is_left = curved | starts | stops
+        left[p] = is_left
+        some |= np.uint8(is_left)
+    return some != 0
 
 
 @inlined
-def _all_plain(first, rational, tangent_id, gregory_id, ends):
-    """Whether all patches of a whole block are plain: numbers in a row, which vectorizes."""
-    rational, tangent_id, gregory_id = rational[first:], tangent_id[first:], gregory_id[first:]
-    some = False
+def _shared_map(first, map_id):
+    """The map of all patches of a whole block, -1 for none; MIXED if they differ."""
+    begin = np.uintp(first)
+    differences = np.int32(0)
     for lane in range(LANES):
-        some |= (rational[lane] != 0) | (tangent_id[lane] >= 0) | (gregory_id[lane] >= 0)
-    ends = ends[4 * first :]
-    for i in range(4 * LANES):
-        some |= ends[i] != np.float64(i & 1)
-    return not some
+        differences |= map_id[begin + np.uintp(lane)] ^ map_id[begin]
+    return map_id[begin] if differences == 0 else MIXED
 
 
 @inlined
-def find_plain(first, count, rational, tangent_id, gregory_id, ends, row, s):
-    """Row `row` of a block's first lanes: 1 where a patch is plain: polynomial, with no tangent patches or inner points, and
-    whole. ends : domains, float64[4 n]."""
-    for lane in range(LANES):
-        s[row * LANES + lane] = ONE
-    if count < LANES or not _all_plain(first, rational, tangent_id, gregory_id, ends):
-        for lane in range(count):
-            p = first + lane
-            plain = (rational[p] == 0) & (tangent_id[p] < 0) & (gregory_id[p] < 0)
-            whole = (
-                (ends[4 * p] == 0.0) & (ends[4 * p + 1] == 1.0) & (ends[4 * p + 2] == 0.0) & (ends[4 * p + 3] == 1.0)
-            )
-            s[row * LANES + lane] = ONE if plain & whole else ZERO
-
-
-@inlined
-def _least16(s, i):
-    a, b = least4(s[i], s[i + LANES], s[i + 2 * LANES], s[i + 3 * LANES]), i + 4 * LANES
-    c, d = least4(s[b], s[b + LANES], s[b + 2 * LANES], s[b + 3 * LANES]), b + 4 * LANES
-    e, f = least4(s[d], s[d + LANES], s[d + 2 * LANES], s[d + 3 * LANES]), d + 4 * LANES
-    return least4(a, c, e, least4(s[f], s[f + LANES], s[f + 2 * LANES], s[f + 3 * LANES]))
-
-
-@inlined
-def _most16(s, i):
-    a, b = most4(s[i], s[i + LANES], s[i + 2 * LANES], s[i + 3 * LANES]), i + 4 * LANES
-    c, d = most4(s[b], s[b + LANES], s[b + 2 * LANES], s[b + 3 * LANES]), b + 4 * LANES
-    e, f = most4(s[d], s[d + LANES], s[d + 2 * LANES], s[d + 3 * LANES]), d + 4 * LANES
-    return most4(a, c, e, most4(s[f], s[f + LANES], s[f + 2 * LANES], s[f + 3 * LANES]))
-
-
-@inlined
-def _poison4(s, i):
-    return (s[i] * ZERO + s[i + LANES] * ZERO) + (s[i + 2 * LANES] * ZERO + s[i + 3 * LANES] * ZERO)
-
-
-@inlined
-def _reduce(s):
-    """Rows LOW, HIGH, POISON: 0, or NaN where a coordinate is not finite."""
-    prefer_wide()
-    for c in range(3):
-        for lane in range(LANES):
-            i = 16 * c * LANES + lane
-            s[(LOW + c) * LANES + lane], s[(HIGH + c) * LANES + lane] = _least16(s, i), _most16(s, i)
-            a, b = _poison4(s, i) + _poison4(s, i + 4 * LANES), _poison4(s, i + 8 * LANES) + _poison4(s, i + 12 * LANES)
-            s[(POISON + c) * LANES + lane] = a + b
+def _put_reaches(first, count, map_id, ranges, by_map, d):
+    """REACH of a block, the same for each coordinate of a patch."""
+    for lane in range(count):
+        reach = _reach_of(first + lane, map_id, ranges, by_map)
+        for c in range(QUAD):
+            d[REACH * LANES + QUAD * lane + c] = reach
 
 
 @inlined
 def _widen(s, d):
-    """Rows CENTER and the diagonal of AXES."""
+    """CENTER and HALF of a block."""
     prefer_wide()
-    for lane in range(LANES):
-        i, reach = LOW * LANES + lane, d[REACH * LANES + lane]
-        x0, y0, z0 = np.float64(s[i]), np.float64(s[i + LANES]), np.float64(s[i + 2 * LANES])
-        x1, y1, z1 = np.float64(s[i + 3 * LANES]), np.float64(s[i + 4 * LANES]), np.float64(s[i + 5 * LANES])
-        most_x, most_y, most_z = max(abs(x0), abs(x1)), max(abs(y0), abs(y1)), max(abs(z0), abs(z1))
-        x, y, z = widen_errors(most_x, most_y, most_z, 1.0, False)
-        poison = np.float64((s[i + 6 * LANES] + s[i + 7 * LANES]) + s[i + 8 * LANES])
-        x, y, z = x + poison, y + poison, z + poison
-        (x0, x1), (y0, y1) = _grow(x0 - x, x1 + x, reach), _grow(y0 - y, y1 + y, reach)
-        z0, z1 = _grow(z0 - z, z1 + z, reach)
-        i, j = CENTER * LANES + lane, AXES * LANES + lane
-        d[i], d[i + LANES], d[i + 2 * LANES] = 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (z0 + z1)
-        d[j], d[j + 4 * LANES], d[j + 8 * LANES] = 0.5 * (x1 - x0), 0.5 * (y1 - y0), 0.5 * (z1 - z0)
+    for i in range(QUAD * LANES):
+        lo, hi = np.float64(s[LOW * LANES + i]), np.float64(s[HIGH * LANES + i])
+        error, _, _ = widen_errors(max(abs(lo), abs(hi)), 0.0, 0.0, 1.0, False)
+        lo, hi = _grow(lo - error, hi + error, d[REACH * LANES + i])
+        d[CENTER * LANES + i], d[HALF * LANES + i] = 0.5 * (lo + hi), 0.5 * (hi - lo)
+
+
+@inlined
+def _store(d, first, count, center, axes, cone_cos):
+    for lane in range(count):
+        p, i, j = np.uintp(first) + np.uintp(lane), CENTER * LANES + QUAD * lane, HALF * LANES + QUAD * lane
+        center[p, 0], center[p, 1], center[p, 2] = d[i], d[i + 1], d[i + 2]
+        axes[p, 0, 0], axes[p, 0, 1], axes[p, 0, 2] = d[j], 0.0, 0.0
+        axes[p, 1, 0], axes[p, 1, 1], axes[p, 1, 2] = 0.0, d[j + 1], 0.0
+        axes[p, 2, 0], axes[p, 2, 1], axes[p, 2, 2] = 0.0, 0.0, d[j + 2]
+        cone_cos[p] = -1.0
 
 
 @kernel
 def _fill_whole_boxes(
     control_points, rational, gregory_id, map_id, ends, ranges, by_map, center, axes, cone_cos, left
 ):  # fmt: skip
-    """Boxes of all patches; left: those for which they do not hold."""
-    n, some_left = len(control_points), False
-    tail, s = np.empty((LANES, 64), np.float32), np.empty(ROWS * LANES, np.float32)
-    d = np.empty(ROWS64 * LANES)
-    d[AXES * LANES : (AXES + 9) * LANES] = 0.0
+    """Boxes of all patches; left: those for which they do not hold, and all of a block with a number that is not finite."""
+    n, some_left = len(control_points), find_left(rational, gregory_id, gregory_id, ends, left)
+    tail, s = np.empty((LANES, 64), np.float32), aligned(np.empty(2 * QUAD * LANES + 16, np.float32))
+    d = aligned(np.zeros(ROWS64 * LANES + 8))
+    known = MIXED
     for first in range(0, n, LANES):
         count = min(LANES, n - first)
-        find_plain(first, count, rational, gregory_id, gregory_id, ends, PLAIN, s)
-        for lane in range(count):
-            column = map_id[first + lane] if by_map else first + lane
-            reach = max(abs(ranges[0, column]), abs(ranges[1, column])) if column >= 0 else 0.0
-            d[REACH * LANES + lane] = reach
-            is_left = s[PLAIN * LANES + lane] == ZERO
-            left[first + lane] = is_left
-            some_left |= is_left
-        load_block(control_points, first, tail, s)
-        _reduce(s)
+        fill_tail(control_points, first, tail)
+        if not find_extremes(control_points, first, tail, s):
+            left[first : first + count] = True
+            some_left = True
+        m = _shared_map(first, map_id) if by_map and count == LANES else MIXED
+        if m == MIXED or m != known:  # else REACH is as the last block had it
+            _put_reaches(first, count, map_id, ranges, by_map, d)
+        known = m
         _widen(s, d)
-        store_block(d, CENTER, first, center)
-        store_block(d, AXES, first, axes)
-        for lane in range(count):
-            cone_cos[first + lane] = -1.0
+        _store(d, first, count, center, axes, cone_cos)
     return some_left
 
 
 def box_patches(stage: HullInput, ranges: F64, by_map: bool) -> Boxes:
     """Cartesian boxes of all patches over their domains.
 
-    ranges : least and greatest displacement, world units, rows float64[2, maps] (by_map) or float64[2, at least P].
+    ranges : least and greatest displacement, world units: float64[maps, 2] (by_map) or rows float64[2, at least P].
     """
     patches, n = stage.patches, len(stage.patches.control_points)
     boxes, left = allocate_boxes(n), np.empty(n, np.bool_)
@@ -265,4 +246,4 @@ def bound_cartesian(stage: HullInput, ranges: F64, by_map: bool) -> PatchBounds:
 
 def bound_patches(stage: HullInput) -> PatchBounds:
     """Bound every patch over its domain. A weight <= 0 gives a NaN box, which culls nothing."""
-    return bound_cartesian(stage, np.ascontiguousarray(stage.pyramids.whole.T), True)
+    return bound_cartesian(stage, stage.pyramids.whole, True)

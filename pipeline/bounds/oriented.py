@@ -15,9 +15,9 @@ others; between them go rows over all patches (`lanes`).
 import numpy as np
 
 from pipeline.bounds import single, single_normals
-from pipeline.bounds.cbox import find_plain
+from pipeline.bounds.cbox import find_left
 from pipeline.bounds.fit import AXES, HI, KEPT, LO, SIZE, fit_boxes
-from pipeline.bounds.lanes import LANES, least4, load_rows, most4, padded, scratch
+from pipeline.bounds.lanes import LANES, aligned, least4, load_rows, most4, padded, scratch
 from pipeline.bounds.lookup import displacement_ranges
 from pipeline.bounds.normals import bound_normals
 from pipeline.bounds.project import Boxes, allocate_boxes, project_boxes, unprojected
@@ -36,8 +36,6 @@ NOTHING = -1  # is known of the normals
 T_LO, T_HI = KEPT, KEPT + 1
 CENTER, HALF, CONE_AXIS = KEPT + 6, KEPT + 9, KEPT + 18
 ROWS = KEPT + 21
-
-PLAIN = single_normals.ROWS  # of float32
 
 
 @inlined
@@ -111,8 +109,13 @@ def _store(first, count, cones, s, center, axes, cone_axis, cone_cos):
                 axis, known = s[(AXES + 6 + c) * LANES + lane], s[CONE * LANES + lane] > -1.0
                 s[(CONE_AXIS + c) * LANES + lane] = axis if known else 0.0
         store_block(s, CONE_AXIS, first, cone_axis)
-    for lane in range(count):
-        cone_cos[first + lane] = s[CONE * LANES + lane]
+    begin = np.uintp(first)
+    if count == LANES:  # as many as are known when this is compiled: one or two vectors
+        for lane in range(LANES):
+            cone_cos[begin + np.uintp(lane)] = s[CONE * LANES + lane]
+    else:
+        for lane in range(count):
+            cone_cos[begin + np.uintp(lane)] = s[CONE * LANES + lane]
 
 
 @helper
@@ -126,21 +129,33 @@ def _know_nothing(s):
 # Whole Bezier patches
 
 
+@inlined
+def _note_left(s, first, count, left):
+    """left[first] .. also where FINE is 0; whether that is so anywhere. Few blocks have one: only looking vectorizes."""
+    some = np.uint8(0)
+    for lane in range(LANES):
+        some |= np.uint8(s[FINE * LANES + lane] == ZERO)
+    if some != 0:
+        for lane in range(count):
+            left[first + lane] |= s[FINE * LANES + lane] == ZERO
+    return some != 0
+
+
 @kernel
 def _bound_single(
     control_points, rational, tangent_id, gregory_id, ends, map_id, planes, kind, slacks, ranges, center, axes, cone_axis,
     cone_cos, left,
 ):  # fmt: skip
     prefer_wide()
-    n, some_left, vectors = len(control_points), False, False
-    s, d = np.empty((PLAIN + 1) * LANES, np.float32), np.empty(single.ROWS64 * LANES)
+    n, vectors = len(control_points), False
+    some_left = find_left(rational, tangent_id, gregory_id, ends, left)
+    s, d = aligned(np.empty(single_normals.ROWS * LANES + 16, np.float32)), aligned(np.empty(single.ROWS64 * LANES + 8))
     tail = np.empty((LANES, 64), np.float32)
     for m in range(len(planes)):
         vectors |= planes[m, 0] >= 0
     _know_nothing(d)
     for first in range(0, n, LANES):
         count = min(LANES, n - first)
-        find_plain(first, count, rational, tangent_id, gregory_id, ends, PLAIN, s)
         load_block(control_points, first, tail, s)
         fit_single(s, d)
         if kind != NOTHING:
@@ -152,10 +167,7 @@ def _bound_single(
         load_rows(d, T_LO, 2, ranges, first)
         _grow_single(s, d)
         _store(first, count, kind != NOTHING, d, center, axes, cone_axis, cone_cos)
-        for lane in range(count):
-            is_left = s[FINE * LANES + lane] * s[PLAIN * LANES + lane] == ZERO
-            left[first + lane] = is_left
-            some_left |= is_left
+        some_left |= _note_left(s, first, count, left)
     if vectors:
         for p in range(n):
             left[p] |= map_id[p] >= 0 and planes[map_id[p], 0] >= 0

@@ -181,21 +181,28 @@ def _turn(s):
 
 
 @inlined
+def _widen_along(s, r, lane, x, y, z, pad):
+    """REACH along axis r, widened by what x, y, z may be off by, and by `pad`. With r literal, as the rows have to be."""
+    i, f = (REACH + r) * LANES + lane, (TURN_AXES + 3 * r) * LANES + lane
+    pad = pad + (abs(s[f]) * x + abs(s[f + LANES]) * y + abs(s[f + 2 * LANES]) * z)
+    s[i] = s[i] + (HALVES * s[i] + pad)
+
+
+@inlined
 def _widen(s, d):
-    """Rows REACH, widened; SIZE. Of the rows WIDEST become what a coordinate may be off by."""
+    """Rows REACH, widened; SIZE."""
     prefer_wide()
     for lane in range(LANES):
         d[SIZE * LANES + lane] = np.float64(s[SIZE32 * LANES + lane])
-    for c in range(3):
-        for lane in range(LANES):
-            i = (WIDEST + c) * LANES + lane
-            s[i] = SHADER * abs(s[(FIRST + c) * LANES + lane]) + (SHADER + TURN) * s[i]
-    for r in range(3):
-        for lane in range(LANES):
-            i, j, f = WIDEST * LANES + lane, (REACH + r) * LANES + lane, (TURN_AXES + 3 * r) * LANES + lane
-            pad = AXIS * s[SCALE * LANES + lane] * s[SIZE32 * LANES + lane]
-            pad += abs(s[f]) * s[i] + abs(s[f + LANES]) * s[i + LANES] + abs(s[f + 2 * LANES]) * s[i + 2 * LANES]
-            s[j] = s[j] + (HALVES * s[j] + pad)
+    for lane in range(LANES):
+        i, j = FIRST * LANES + lane, WIDEST * LANES + lane
+        x = SHADER * abs(s[i]) + (SHADER + TURN) * s[j]
+        y = SHADER * abs(s[i + LANES]) + (SHADER + TURN) * s[j + LANES]
+        z = SHADER * abs(s[i + 2 * LANES]) + (SHADER + TURN) * s[j + 2 * LANES]
+        pad = AXIS * s[SCALE * LANES + lane] * s[SIZE32 * LANES + lane]
+        _widen_along(s, 0, lane, x, y, z, pad)
+        _widen_along(s, 1, lane, x, y, z, pad)
+        _widen_along(s, 2, lane, x, y, z, pad)
 
 
 @inlined

@@ -13,7 +13,7 @@ from numba import extending, types
 from numba.core import cgutils
 
 from pipeline.bounds.lanes import LANES
-from pipeline.jit import helper
+from pipeline.jit import inlined
 from pipeline.types import F32, F64
 
 intrinsic: Any = extending.intrinsic
@@ -59,16 +59,29 @@ def _in_quads(builder: Any, a: Any, b: Any, picks: tuple[int, int, int, int]) ->
     return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(ir.IntType(32), 4 * _QUADS), numbers))
 
 
+def data_of(context: Any, builder: Any, kind: Any, array: Any) -> Any:
+    """Pointer to the first number of an array."""
+    return context.make_array(kind)(context, builder, array).data
+
+
+def block_of(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    """Pointer to the points of a block, given control points, number of the first patch, and tail, as `transpose_points`."""
+    points = context.make_array(signature.args[0])(context, builder, arguments[0])
+    first, number = arguments[1], arguments[1].type
+    tail = data_of(context, builder, signature.args[2], arguments[2])
+    inside = cgutils.gep(builder, points.data, builder.mul(first, number(64)))
+    n = builder.extract_value(points.shape, 0)
+    return builder.select(builder.icmp_signed("<=", builder.add(first, number(LANES)), n), inside, tail)
+
+
 @intrinsic
-def _transpose(typingctx, source, s):
+def _transpose(typingctx, source, first, tail, s):
     """The same as `transpose_points`, for the compiler."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         quad, row = ir.VectorType(ir.FloatType(), 4), ir.VectorType(ir.FloatType(), 4 * _QUADS)
-        begin, out = (
-            context.make_array(kind)(context, builder, value).data
-            for kind, value in zip(signature.args, arguments, strict=True)
-        )
+        begin = block_of(context, builder, signature, arguments)
+        out = data_of(context, builder, signature.args[3], arguments[3])
 
         def at(base: Any, number: int, kind: Any) -> Any:
             return builder.bitcast(cgutils.gep(builder, base, number), kind.as_pointer())
@@ -88,32 +101,45 @@ def _transpose(typingctx, source, s):
                 builder.store(rows[c], at(out, (16 * c + k) * LANES, row), align=4)
         return context.get_dummy_value()
 
-    return types.void(source, s), generate
+    return types.void(source, types.intp, tail, s), generate
 
 
-def transpose_points(source: F32, s: F32) -> None:
-    """x, y, z of source float32[LANES, 64] to rows 0, 16 and 32 .. of s float32, one row a control point 4 i + j."""
+def transpose_points(source: F32, first: int, tail: F32, s: F32) -> None:
+    """x, y, z of rows first .. of source float32[n, 64] to rows 0, 16 and 32 .. of s float32, one row a control point 4 i + j.
+
+    Of a block that source has not whole, those of tail float32[LANES, 64] (`fill_tail`).
+    """
+    block = source[first : first + LANES] if first + LANES <= len(source) else tail
     for lane in range(LANES):
         for k in range(16):
             for c in range(3):
-                s[(16 * c + k) * LANES + lane] = source[lane, 4 * k + c]
+                s[(16 * c + k) * LANES + lane] = block[lane, 4 * k + c]
 
 
 @extending.overload(transpose_points)
-def _transpose_points(source, s):
-    return lambda source, s: _transpose(source, s)
+def _transpose_points(source, first, tail, s):
+    return lambda source, first, tail, s: _transpose(source, first, tail, s)
 
 
-@helper
-def load_block(control_points, first, tail, s):
-    """Points of a block of float32[n, 64] as `transpose_points`; the last one is filled up in tail float32[LANES, 64]."""
+@inlined
+def fill_tail(control_points, first, tail):
+    """Where the block from row `first` of float32[n, 64] on is the last and not whole: to tail, filled up with its last row.
+
+    No array is cut out, here and below: that would count references to it, with locks, for every block.
+    """
     n = len(control_points)
-    if first + LANES <= n:
-        transpose_points(control_points[first : first + LANES], s)
-    else:
+    if first + LANES > n:
         for lane in range(LANES):
-            tail[lane] = control_points[min(first + lane, n - 1)]
-        transpose_points(tail, s)
+            p = min(first + lane, n - 1)
+            for k in range(64):
+                tail[lane, k] = control_points[p, k]
+
+
+@inlined
+def load_block(control_points, first, tail, s):
+    """Points of a block of float32[n, 64] as `transpose_points`; tail float32[LANES, 64] is for the last one."""
+    fill_tail(control_points, first, tail)
+    transpose_points(control_points, first, tail, s)
 
 
 # The other way
@@ -123,12 +149,13 @@ def _spreader(width: int) -> Any:
     """`spread_rows` of so many rows, for the compiler: four rows and four lanes at a time."""
 
     @intrinsic
-    def spread(typingctx, s, row, target):
+    def spread(typingctx, s, row, first, target):
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             four = ir.VectorType(ir.DoubleType(), 4)
-            rows = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+            rows = data_of(context, builder, signature.args[0], arguments[0])
             rows = cgutils.gep(builder, rows, builder.mul(arguments[1], arguments[1].type(LANES)))
-            out = context.make_array(signature.args[2])(context, builder, arguments[2]).data
+            out = data_of(context, builder, signature.args[3], arguments[3])
+            out = cgutils.gep(builder, out, builder.mul(arguments[2], arguments[2].type(width)))
 
             def at(base: Any, number: int, kind: Any) -> Any:
                 return builder.bitcast(cgutils.gep(builder, base, number), kind.as_pointer())
@@ -158,7 +185,7 @@ def _spreader(width: int) -> Any:
                                 builder.store(value, at(out, begin + i, ir.DoubleType()))
             return context.get_dummy_value()
 
-        return types.void(s, row, target), generate
+        return types.void(s, types.intp, types.intp, target), generate
 
     return spread
 
@@ -166,29 +193,31 @@ def _spreader(width: int) -> Any:
 _spread3, _spread9 = _spreader(3), _spreader(9)
 
 
-def spread_rows(s: F64, row: int, target: F64) -> None:
-    """Rows `row` .. of s float64 to the columns of target float64[at least LANES, 3] or [at least LANES, 3, 3]."""
-    flat = target[:LANES].reshape(LANES, -1)
+def spread_rows(s: F64, row: int, first: int, target: F64) -> None:
+    """Rows `row` .. of s float64 to rows first .. first + LANES of target float64[n, 3] or [n, 3, 3], column by column."""
+    flat = target[first : first + LANES].reshape(LANES, -1)
     for lane in range(LANES):
         for c in range(flat.shape[1]):
             flat[lane, c] = s[(row + c) * LANES + lane]
 
 
 @extending.overload(spread_rows)
-def _spread_rows(s, row, target):
+def _spread_rows(s, row, first, target):
     if target.ndim == 3:
-        return lambda s, row, target: _spread9(s, row, target)
-    return lambda s, row, target: _spread3(s, row, target)
+        return lambda s, row, first, target: _spread9(s, row, first, target)
+    return lambda s, row, first, target: _spread3(s, row, first, target)
 
 
-@helper
+@inlined
 def store_block(s, row, first, target):
     """Rows `row` .. of a block to rows first .. of target float64[n, 3] or [n, 3, 3], as many as there are."""
-    part = target[first:]
-    if len(part) >= LANES:
-        spread_rows(s, row, part)
+    if first + LANES <= len(target):
+        spread_rows(s, row, first, target)
     else:
-        flat = part.reshape(len(part), part.size // len(part))
-        for lane in range(len(flat)):
-            for c in range(flat.shape[1]):
-                flat[lane, c] = s[(row + c) * LANES + lane]
+        for lane in range(len(target) - first):
+            for c in range(3):
+                if target.ndim == 2:
+                    target[first + lane, c] = s[(row + c) * LANES + lane]
+                else:
+                    for k in range(3):
+                        target[first + lane, c, k] = s[(row + 3 * c + k) * LANES + lane]
