@@ -222,18 +222,24 @@ def _fill_whole_boxes(
     return some_left
 
 
-def box_patches(stage: HullInput, ranges: F64, by_map: bool) -> Boxes:
-    """Cartesian boxes of all patches over their domains.
+def put_boxes(stage: HullInput, ranges: F64, by_map: bool, boxes: Boxes) -> None:
+    """Cartesian boxes of all patches over their domains, into `boxes`, of as many; their cone_axis is left as it is.
 
     ranges : least and greatest displacement, world units: float64[maps, 2] (by_map) or rows float64[2, at least P].
     """
     patches, n = stage.patches, len(stage.patches.control_points)
-    boxes, left = allocate_boxes(n), np.empty(n, np.bool_)
+    left = np.empty(n, np.bool_)
     if _fill_whole_boxes(
         patches.control_points.reshape(n, 64), patches.rational, patches.gregory_id, patches.map_id,
         stage.domain.reshape(-1), ranges, by_map, boxes.center, boxes.axes, boxes.cone_cos, left,
     ):  # fmt: skip
         _fill_boxes(np.flatnonzero(left), patches, stage.domain, ranges, by_map, np.empty((4, 4, 4)), boxes)
+
+
+def box_patches(stage: HullInput, ranges: F64, by_map: bool) -> Boxes:
+    """`put_boxes` into arrays of their own."""
+    boxes = allocate_boxes(len(stage.patches.control_points))
+    put_boxes(stage, ranges, by_map, boxes)
     return boxes
 
 

@@ -209,13 +209,13 @@ def _box_some(stage: HullInput, kind: int, numbers: I64, ranges: F64, boxes: Box
         target[numbers] = source
 
 
-def box_patches(stage: HullInput, kind: int, ranges: F64) -> Boxes:
-    """Boxes and cones of all patches over their domains.
+def put_boxes(stage: HullInput, kind: int, ranges: F64, boxes: Boxes) -> None:
+    """Boxes and cones of all patches over their domains, into `boxes`, of as many.
 
     kind : NOTHING, nothing is known of the normals; or of `normals.bound_normals`. ranges : `lookup.displacement_ranges`.
     """
     patches, n = stage.patches, len(stage.patches.control_points)
-    boxes, left = allocate_boxes(n), np.empty(n, np.bool_)
+    left = np.empty(n, np.bool_)
     some_left = _bound_single(
         patches.control_points.reshape(n, 64), patches.rational, patches.tangent_id, patches.gregory_id,
         stage.domain.reshape(-1), patches.map_id, stage.maps.planes, kind, find_slacks(stage), ranges, *boxes, left,
@@ -226,6 +226,12 @@ def box_patches(stage: HullInput, kind: int, ranges: F64) -> Boxes:
             _box_some(stage, kind, numbers, ranges, boxes)
         elif len(numbers):
             _box_any(stage, kind, ranges, boxes)
+
+
+def box_patches(stage: HullInput, kind: int, ranges: F64) -> Boxes:
+    """`put_boxes` into arrays of their own."""
+    boxes = allocate_boxes(len(stage.patches.control_points))
+    put_boxes(stage, kind, ranges, boxes)
     return boxes
 
 
