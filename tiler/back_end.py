@@ -13,6 +13,7 @@ from tiler.config import Machine
 from tiler.front_end import Geometry
 from tiler.grid import Grid
 from tiler.host import Host
+from tiler.lent import lend
 from tiler.near_planes import planes_under
 from tiler.occlusion import make_sketch
 from tiler.overlap import bin_hulls, bin_triangles
@@ -27,10 +28,10 @@ NO_POINTS = DomainPoints(np.zeros(1, np.int64), np.empty((4, 0), np.float32), np
 def make_target(picture: Picture, ordered: bool = False) -> Target:
     """The render target, not yet cleared: the tiles clear their own part. ordered : with submit numbers of the samples."""
     shape = (picture.height, picture.width, picture.samples)
-    color = np.empty((*shape, 4), np.uint8)
-    resolved = np.empty((*shape[:2], 4), np.uint8) if picture.samples > 1 else color.reshape(*shape[:2], 4)
-    order = np.empty(shape if ordered else (0, 0, 0), np.int64)
-    return Target(np.empty(shape, np.float32), np.empty(shape, np.int32), color, resolved, order)
+    color = lend((*shape, 4), np.uint8)
+    resolved = lend((*shape[:2], 4), np.uint8) if picture.samples > 1 else color.reshape(*shape[:2], 4)
+    order = lend(shape if ordered else (0, 0, 0), np.int64)
+    return Target(lend(shape, np.float32), lend(shape, np.int32), color, resolved, order)
 
 
 def make_coarse_z(machine: Machine, grid: Grid) -> CoarseZ:
