@@ -36,6 +36,7 @@ from pipeline.types import (
     Window,
 )
 from tiler.host import Host
+from tiler.lent import lend
 from tiler.rasterizer import MARGIN
 from tiler.scene.camera import Camera
 from tiler.scene.model import DisplacementMap, Scene, Tessellation
@@ -222,7 +223,7 @@ def shade_domain_points(
     """Domain shader: every domain point of the live patches, once."""
     first = np.zeros(len(live) + 1, np.int64)
     np.cumsum(np.diff(patterns.first_point)[patterns.of_patch[live]], out=first[1:])
-    points = DomainPoints(first, np.empty((4, first[-1]), np.float32), np.empty((3, first[-1]), np.float32))
+    points = DomainPoints(first, lend((4, int(first[-1])), np.float32), lend((3, int(first[-1])), np.float32))
     chunks = host.chunks(len(live))
 
     def work(c: int) -> None:
@@ -316,11 +317,11 @@ def pick_units(geometry: Geometry, live: I32, wanted: I32, shared: Stages) -> Ge
 def allocate_window(n: int) -> Window:
     """Room for n vertices."""
     return Window(
-        np.empty(n, np.int32),
-        np.empty(n, np.int32),
-        np.empty(n, np.float32),
-        np.empty(n, np.float32),
-        np.empty(n, np.uint8),
+        lend((n,), np.int32),
+        lend((n,), np.int32),
+        lend((n,), np.float32),
+        lend((n,), np.float32),
+        lend((n,), np.uint8),
     )
 
 
@@ -331,10 +332,10 @@ def _allocate_triangles(room: I64) -> Triangles:
     return Triangles(
         first=first,
         used=np.zeros(len(room), np.int32),
-        vertex=np.empty((n, 3), np.int32),
-        box=np.empty((n, 4), np.int16),
-        cover=np.empty(n, np.uint16),
-        edges=np.empty(n, np.uint8),
-        patch=np.empty(n, np.int32),
-        source=np.empty(n, np.int32),
+        vertex=lend((n, 3), np.int32),
+        box=lend((n, 4), np.int16),
+        cover=lend((n,), np.uint16),
+        edges=lend((n,), np.uint8),
+        patch=lend((n,), np.int32),
+        source=lend((n,), np.int32),
     )

@@ -1,8 +1,8 @@
-"""Memory for pictures, which comes back when nobody holds the picture any more.
+"""Memory for pictures and for a batch's points and triangles, which comes back when nobody holds them any more.
 
-A picture is megabytes. Fresh from the system they are handed over page by page and cleared, for every frame of a study again:
-at 1920x1080 that took as long as drawing a hundred thousand small triangles. What comes back waits for the next picture of the
-same size, up to MOST_BYTES.
+They are megabytes. Fresh from the system they are handed over page by page and cleared, for every frame of a study again:
+at 1920x1080 that took as long as drawing a hundred thousand small triangles. What comes back waits for the next that needs as
+much, up to MOST_BYTES.
 """
 
 import math
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 MOST_BYTES = 1 << 28  # that are kept idle
+LEAST_BYTES = 1 << 16  # less is the memory allocator's own business
 ALIGNMENT = 64  # a line of the cache
 
 # Pieces by their size. Single operations of dicts and lists are whole for any thread.
@@ -37,11 +38,18 @@ def _take(size: int) -> bytearray:
         return bytearray(size)
 
 
+def _rounded(size: int) -> int:
+    """At least `size`, by at most an eighth: so that batches of nearly the same size use the same memory."""
+    step = 1 << max(size.bit_length() - 4, 0)
+    return -(-size // step) * step
+
+
 def lend(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
-    """An array whose contents are anything, like `numpy.empty`; a view of memory that others had before."""
+    """An array whose contents are anything, like `numpy.empty`; a view of memory that others had before, if it is large."""
     size = math.prod(shape) * np.dtype(dtype).itemsize
-    if size == 0:
+    if size < LEAST_BYTES:
         return np.empty(shape, dtype)
-    owner = _Owner((size + ALIGNMENT,), np.uint8, buffer=_take(size + ALIGNMENT))
+    room = _rounded(size + ALIGNMENT)
+    owner = _Owner((room,), np.uint8, buffer=_take(room))
     offset = -owner.__array_interface__["data"][0] % ALIGNMENT
     return np.ndarray(shape, dtype, buffer=owner, offset=offset)
