@@ -310,6 +310,13 @@ def _copy_patch(patches, p, cp, texcoords):
             texcoords[i, c] = patches.texcoords[p, i, c]
 
 
+@inlined
+def _block_length(first, end):
+    """Points of the next block of first .. end-1: blocks of about equal length, whole vectors all but the last."""
+    count = end - first
+    return min(count, filled(-(-count // max(-(-count // BLOCK), 1))))
+
+
 @kernel
 def shade_patches(begin, end, live, patches, patterns, maps, matrix, points, scratch):
     """Shade every domain point of live patches begin .. end-1 into `points` (modified in place).
@@ -317,7 +324,7 @@ def shade_patches(begin, end, live, patches, patterns, maps, matrix, points, scr
     live : int32[...], patch numbers in submit order. patches : world space. matrix : float32[4, 4], world to clip.
     scratch : float32[SCRATCH], the caller's, one for each thread.
     """
-    last, grid = -1, (0, 0)
+    last, grid = -1, (0, 0, 0)
     ints, places = scratch.view(np.int32), scratch.view(np.uint32)
     cp, texcoords = scratch[NETS:CORNERS].reshape(4, 4, 4), scratch[CORNERS:SCRATCH].reshape(4, 2)
     for k in range(begin, end):
@@ -326,7 +333,8 @@ def shade_patches(begin, end, live, patches, patterns, maps, matrix, points, scr
         source = patterns.first_point[pattern]
         count = patterns.first_point[pattern + 1] - source
         if pattern != last:
-            last, grid = pattern, find_grid(patterns.uv[0, source : source + count], scratch)
+            end = source + count
+            last, grid = pattern, find_grid(patterns.uv[0, source:end], patterns.uv[1, source:end], scratch)
         map_id = patches.map_id[p]
         _copy_patch(patches, p, cp, texcoords)
         plain = (
@@ -335,9 +343,9 @@ def shade_patches(begin, end, live, patches, patterns, maps, matrix, points, scr
             and patches.normal_id[p] < 0
             and (map_id < 0 or (patches.seam_id[p] < 0 and maps.planes[map_id, 0] < 0))
         )
-        size = filled(-(-count // max(-(-count // BLOCK), 1)))  # blocks of about equal length
-        for first in range(0, count, size):
-            n = min(size, count - first)
+        first = 0
+        while first < count:
+            n = _block_length(first, grid[0] if first < grid[0] else count)
             _load_points(patterns.uv, source + first, n, scratch)
             if plain:
                 _shade_bezier(cp, patches.rational[p], grid, first, scratch, n)
@@ -346,3 +354,4 @@ def shade_patches(begin, end, live, patches, patterns, maps, matrix, points, scr
                 shape, edges = _shape_of(patches, p)
                 _shade_surface(shape, edges, texcoords, map_id, maps, matrix, grid, first, scratch, ints, places, n)
             _store_points(points, points.first[k] + first, map_id >= 0, scratch, n)
+            first += n

@@ -214,12 +214,13 @@ def _acc_nets(cp, tu, tv, c):
 @helper
 def _nets_passes(nets, grid, first, s, n):
     """The n points of a patch without quotients; see `bezier_passes`."""
-    period, covered = grid
-    m = max(min(covered - first, n), 0) if period > 0 else 0
+    begin, period, covered = grid
+    place = first - begin  # in the rows
+    m = max(min(covered - place, n), 0) if period > 0 and place >= 0 else 0
     if m > 0:
-        if first == 0:
+        if place == 0:
             tabulate(nets, s, filled(period + LANES - 1))
-        table_pass(s, first, period, m)
+        table_pass(s, place, period, m)
     if m < n:
         polynomial_pass(nets, s, m, filled(n - m))
 
@@ -228,8 +229,8 @@ def _nets_passes(nets, grid, first, s, n):
 def bezier_passes(cp, rational, grid, first, s, n):
     """Rows P, A, B, N and S: the n points of a Bezier patch in rows U and V; n is a multiple of LANES.
 
-    first : number of the first of them in the pattern. grid : period of its u's and how many points keep to it; see
-    `find_grid`. The table is made where first is 0, and stays for the blocks that follow.
+    first : number of the first of them in the pattern. grid : as `find_grid` says. The table is made where the rows begin,
+    which is where a block begins, and stays for the blocks that follow.
     """
     if rational:
         _rational_pass(net(cp, 0), net(cp, 1), net(cp, 2), net(cp, 3), s, n)
@@ -250,20 +251,33 @@ def gregory_passes(cp, inner, s, n):
     _gregory_pass(x, y, z, s, n)
 
 
-@helper
-def find_grid(u, s):
-    """Period of the u's (of a pattern) and how many of its points keep to it; 0, 0 where no table would pay.
+LEAST_COVERED = 400  # points in rows: with fewer, a table and a block more for the border cost more than they save
 
-    Fills row TABLE_U with the u's of a period, and on for as many points as a vector may begin before its end.
+
+@inlined
+def _on_border(u, v):
+    return u in (ZERO, ONE) or v in (ZERO, ONE)
+
+
+@helper
+def find_grid(u, v, s):
+    """Where a pattern's points begin to come in rows, the period of their u's, and how many keep to it; 0, 0, 0 where no
+    table would pay.
+
+    Points on the border, which come first, may lie anywhere. Fills row TABLE_U with the u's of a period, and on for as many
+    points as a vector may begin before its end.
     """
-    n, period = len(u), 1
-    while period < n and u[period] != u[0]:
-        period += 1
-    covered = period
-    while covered < n and u[covered] == u[covered - period]:
-        covered += 1
-    if period > MOST_COLUMNS or period < 4 or covered < 3 * period:
-        return 0, 0
+    n, begin = len(u), 0
+    while begin < n and _on_border(u[begin], v[begin]):
+        begin += 1
+    end = begin + 1
+    while end < n and u[end] != u[begin]:
+        end += 1
+    period = end - begin
+    while end < n and u[end] == u[end - period]:
+        end += 1
+    if period > MOST_COLUMNS or period < 4 or end - begin < LEAST_COVERED:
+        return 0, 0, 0
     for i in range(filled(period + LANES - 1)):
-        s[TABLE_U + i] = u[i % period]
-    return period, covered
+        s[TABLE_U + i] = u[begin + i % period]
+    return begin, period, end - begin

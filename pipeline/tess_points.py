@@ -112,6 +112,45 @@ def _quad(at: I64, n: I64, u: F32, v: F32) -> None:
 
 
 @helper
+def number_in_rows(n: I64, number: I64) -> int:
+    """number[k] for each point k of a quad, as `fill_points` lists them: its place where the points inside come in rows.
+
+    Those on the border stay as they are, first. The rings inside lie on the grid of the two inside factors: its rows, of
+    constant v, follow one after the other. Returns the number of points.
+    """
+    border = n[0] + n[1] + n[2] + n[3] - 4
+    for k in range(border):
+        number[k] = k
+    if n[4] == 2:
+        return border
+    last_u, last_v, k = n[4] - 1, n[5] - 1, border
+    begin, width = border - n[4] + 1, n[4] - 2  # of column i in row j: begin + width * j + i
+    rings = min(n[4], n[5]) // 2
+    for r in range(1, rings):
+        for j in range(last_v - r, r, -1):
+            number[k] = begin + width * j + r
+            k += 1
+        for i in range(r, last_u - r):
+            number[k] = begin + width * r + i
+            k += 1
+        for j in range(r, last_v - r):
+            number[k] = begin + width * j + (last_u - r)
+            k += 1
+        for i in range(last_u - r, r, -1):
+            number[k] = begin + width * (last_v - r) + i
+            k += 1
+    if n[4] > n[5] and n[5] & 1:
+        for i in range(rings, n[4] - rings):
+            number[k] = begin + width * (last_v // 2) + i
+            k += 1
+    elif n[5] >= n[4] and n[4] & 1:
+        for j in range(last_v - rings, rings - 1, -1):
+            number[k] = begin + width * j + last_u // 2
+            k += 1
+    return k
+
+
+@helper
 def _tri_ring(at: I64, n: I64, r: int, u: F32, v: F32, k: int) -> int:
     """List ring r of a tri from the corner v = 1, clockwise. Ring 0 is the border."""
     side_u, side_v, side_w = (0, 1, 2) if r == 0 else (3, 3, 3)

@@ -4,8 +4,8 @@ D3D11.3 functional specification, chapter 11 (11.5 to 11.7). What it demands and
 (the order of points and triangles) are both reproduced, bit for bit.
 
 `tessellate` answers for one patch of any domain; `make_patterns` for all quad patches of a frame, each distinct
-pattern once. Underneath: factors become 16.16 keys (tess_factors), keys become points (tess_points), and the number of
-points on each side becomes triangles (tess_connectivity).
+pattern once, with the points inside in rows. Underneath: factors become 16.16 keys (tess_factors), keys become points
+(tess_points), and the number of points on each side becomes triangles (tess_connectivity).
 """
 
 import threading
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.jit import kernel
+from pipeline.jit import helper, kernel
 from pipeline.tess_connectivity import fill_indices, num_indices, num_points
 from pipeline.tess_factors import (
     DOMAINS,
@@ -29,7 +29,7 @@ from pipeline.tess_factors import (
     fix_factors,
     is_odd,
 )
-from pipeline.tess_points import MAX_SIDE_POINTS, fill_points, num_side_points
+from pipeline.tess_points import MAX_SIDE_POINTS, fill_points, num_side_points, number_in_rows
 from pipeline.types import F32, I32, I64, U16, U32, Patterns, TessFactors
 
 LEGAL_OUTPUTS = {  # 11.7.15
@@ -69,6 +69,19 @@ def _count(domain: int, partitioning: int, output: int, keys: I32, n: I64, first
         first_index[k + 1] = first_index[k] + num_indices(domain, output, n[k])
 
 
+@helper
+def _put_in_rows(n: I64, uv: F32, indices: U16, number: I64, listed: F32) -> None:
+    """Points of a quad in rows (`number_in_rows`); the triangles and their corners keep their order."""
+    count = number_in_rows(n, number)
+    for c in range(2):
+        for k in range(count):
+            listed[k] = uv[c, k]
+        for k in range(count):
+            uv[c, number[k]] = listed[k]
+    for i in range(len(indices)):
+        indices[i] = number[indices[i]]
+
+
 @kernel
 def _fill(
     domain: int,
@@ -81,15 +94,19 @@ def _fill(
     rows: I64,
     uv: F32,
     indices: U16,
+    number: I64,
+    listed: F32,
 ) -> None:
     for k in range(keys.shape[0]):
         a, b = first_point[k], first_point[k + 1]
         fill_points(domain, keys[k], n[k], locations, uv[0, a:b], uv[1, a:b])
         fill_indices(domain, output, n[k], rows, indices[first_index[k] : first_index[k + 1]])
+        if len(number) > 0:
+            _put_in_rows(n[k], uv[:, a:b], indices[first_index[k] : first_index[k + 1]], number, listed)
 
 
-def _generate(domain: int, partitioning: int, output: int, keys: I32) -> PackedPatterns:
-    """Patterns of the keys (K, 6): count, allocate, fill."""
+def _generate(domain: int, partitioning: int, output: int, keys: I32, in_rows: bool = False) -> PackedPatterns:
+    """Patterns of the keys (K, 6): count, allocate, fill. in_rows : of quads, the points inside the border come in rows."""
     n = np.empty(keys.shape, np.int64)
     first_point, first_index = np.zeros((2, len(keys) + 1), np.int64)
     _count(domain, partitioning, output, keys, n, first_point, first_index)
@@ -97,7 +114,9 @@ def _generate(domain: int, partitioning: int, output: int, keys: I32) -> PackedP
     indices = np.empty(first_index[-1], np.uint16)
     locations = np.empty((NUM_SLOTS, MAX_SIDE_POINTS), np.int64)
     rows = np.empty((2, MAX_SIDE_POINTS), np.int64)
-    _fill(domain, output, keys, n, first_point, first_index, locations, rows, uv, indices)
+    most = int(np.diff(first_point).max(initial=0)) if in_rows else 0
+    number, listed = np.empty(most, np.int64), np.empty(most, np.float32)
+    _fill(domain, output, keys, n, first_point, first_index, locations, rows, uv, indices, number, listed)
     return PackedPatterns(uv, first_point, indices, first_index)
 
 
@@ -159,6 +178,9 @@ def tessellate(
 class PatternCache:
     """Patterns that were generated before. Safe to share between threads.
 
+    The points inside a quad's border come in rows of constant v, where `tessellate` lists them ring by ring as the reference
+    tessellator does: the domain shader shares a row's sums over u.
+
     max_points : how many domain points are kept, at about 20 bytes each with their triangles. Beyond it the patterns
     that were generated first go. The last table is kept besides, if it is not larger than that itself.
     `hits` and `misses` count distinct patterns asked for, over all calls.
@@ -192,7 +214,7 @@ class PatternCache:
             missing = [k for k, name in enumerate(names) if name not in self._entries]
             self.hits += len(names) - len(missing)
             self.misses += len(missing)
-            block = _generate(domain, partitioning, output, keys[missing])
+            block = _generate(domain, partitioning, output, keys[missing], domain == QUAD)
             new = {names[k]: (block, j) for j, k in enumerate(missing)}
             if len(missing) == len(names):
                 table = block

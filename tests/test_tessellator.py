@@ -296,6 +296,25 @@ def patch_factors(rows):
     return TessFactors(edge=rows[:, :4], inside=rows[:, 4:])
 
 
+def check_rows(uv, indices, listed, listed_indices):
+    """The same triangles of the same points, which are numbered anew: those inside the border in rows."""
+    number = np.full(len(listed), -1)
+    number[listed_indices] = indices
+    assert np.array_equal(np.sort(number), np.arange(len(uv)))  # each point has one number, and another has not
+    assert np.array_equal(number[listed_indices], indices)
+    assert np.array_equal(uv[number], listed)
+    on_border = ((listed == 0) | (listed == 1)).any(axis=1)
+    border = int(on_border.sum())
+    if not on_border[:border].all():  # rings inside lie on the border
+        return
+    assert np.array_equal(number[:border], np.arange(border))
+    u, v = uv[border:].T
+    assert (np.diff(v) >= 0).all()
+    columns = int(np.count_nonzero(v == v[0])) if len(v) else 1
+    if len(np.unique(v)) * columns == len(v):  # no two rows coincide
+        assert (u.reshape(-1, columns) == u[:columns]).all() and (np.diff(u[:columns]) >= 0).all()
+
+
 def check_table(patterns, factors, partitioning, output="triangle_cw"):
     """The table says of every patch what `tessellate` says of it."""
     for p in range(len(factors.edge)):
@@ -304,9 +323,13 @@ def check_table(patterns, factors, partitioning, output="triangle_cw"):
         if k < 0:
             assert len(points) == 0
             continue
-        assert np.array_equal(patterns.uv[:, patterns.first_point[k] : patterns.first_point[k + 1]].T, points)
         first, end = 3 * patterns.first_triangle[k : k + 2]
-        assert np.array_equal(patterns.indices[first:end], indices)
+        check_rows(
+            patterns.uv[:, patterns.first_point[k] : patterns.first_point[k + 1]].T,
+            patterns.indices[first:end],
+            points,
+            indices,
+        )
     assert patterns.uv.shape == (2, patterns.first_point[-1])
     assert patterns.indices.shape == (3 * patterns.first_triangle[-1],)
     types = [a.dtype.name for a in patterns]
