@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from pipeline import tess_factors
-from pipeline.tess_factors import DOMAINS, NUM_EDGES, NUM_INSIDES, ONE, OUTPUTS, PARTITIONINGS
-from pipeline.tessellator import PatternCache, _tessellate, make_patterns, tessellate
+from pipeline.tess_factors import DOMAINS, NUM_EDGES, NUM_INSIDES, ONE, OUTPUTS, PARTITIONINGS, fix_factors
+from pipeline.tessellator import PatternCache, _count, _tessellate, make_patterns, tessellate
 from pipeline.types import TessFactors
 from tests.naive_tessellator import fix_factors as naive_fix_factors
 from tests.naive_tessellator import naive_tessellate
@@ -296,17 +296,21 @@ def patch_factors(rows):
     return TessFactors(edge=rows[:, :4], inside=rows[:, 4:])
 
 
-def check_rows(uv, indices, listed, listed_indices):
-    """The same triangles of the same points, which are numbered anew: those inside the border in rows."""
+def num_border_points(partitioning, edge, inside):
+    """Points on the four sides of a quad."""
+    keys, _ = fix_factors(tess_factors.QUAD, PARTITIONINGS[partitioning], edge[None], inside[None])
+    n, first = np.empty(keys.shape, np.int64), np.zeros((2, 2), np.int64)
+    _count(tess_factors.QUAD, PARTITIONINGS[partitioning], 0, keys, n, *first)
+    return int(n[0, :4].sum()) - 4
+
+
+def check_rows(uv, indices, listed, listed_indices, border):
+    """The same triangles of the same points, of which those inside the border are numbered anew: in rows."""
     number = np.full(len(listed), -1)
     number[listed_indices] = indices
     assert np.array_equal(np.sort(number), np.arange(len(uv)))  # each point has one number, and another has not
     assert np.array_equal(number[listed_indices], indices)
     assert np.array_equal(uv[number], listed)
-    on_border = ((listed == 0) | (listed == 1)).any(axis=1)
-    border = int(on_border.sum())
-    if not on_border[:border].all():  # rings inside lie on the border
-        return
     assert np.array_equal(number[:border], np.arange(border))
     u, v = uv[border:].T
     assert (np.diff(v) >= 0).all()
@@ -324,12 +328,9 @@ def check_table(patterns, factors, partitioning, output="triangle_cw"):
             assert len(points) == 0
             continue
         first, end = 3 * patterns.first_triangle[k : k + 2]
-        check_rows(
-            patterns.uv[:, patterns.first_point[k] : patterns.first_point[k + 1]].T,
-            patterns.indices[first:end],
-            points,
-            indices,
-        )
+        uv = patterns.uv[:, patterns.first_point[k] : patterns.first_point[k + 1]].T
+        border = num_border_points(partitioning, factors.edge[p], factors.inside[p])
+        check_rows(uv, patterns.indices[first:end], points, indices, border)
     assert patterns.uv.shape == (2, patterns.first_point[-1])
     assert patterns.indices.shape == (3 * patterns.first_triangle[-1],)
     types = [a.dtype.name for a in patterns]
