@@ -45,7 +45,6 @@ def _statements(body: list[ast.stmt]) -> Iterator[ast.stmt]:
                 yield from _statements(getattr(block, part, []))
 
 
-@functools.cache
 def _imports_of(source: bytes, package: str) -> frozenset[str]:
     """Names of the modules of ours that a source imports (a name imported from a package may be a module)."""
     found: set[str] = set()
@@ -62,28 +61,36 @@ def _imports_of(source: bytes, package: str) -> frozenset[str]:
     return frozenset(name for name in found if name.split(".")[0] in PACKAGES)
 
 
-def _file_of(module: str, root: Path) -> Path | None:
-    stem = root.joinpath(*module.split("."))
-    for path in (stem.with_suffix(".py"), stem / "__init__.py"):
-        if path.is_file():
+def _file_of(module: str, root: str) -> str | None:
+    stem = os.path.join(root, *module.split("."))
+    for path in (f"{stem}.py", os.path.join(stem, "__init__.py")):
+        if os.path.isfile(path):
             return path
     return None
 
 
+@functools.cache
+def _read(file: str, root: str, version: tuple[int, int]) -> tuple[bytes, tuple[str, ...]]:
+    """A module's source, and the files of the modules of ours that it imports. version : time and size, of this reading."""
+    source, parent = Path(file).read_bytes(), Path(file).parent
+    package = ".".join(parent.relative_to(root).parts) if parent.is_relative_to(root) else ""
+    files = (_file_of(name, root) for name in _imports_of(source, package))
+    return source, tuple(found for found in files if found is not None)
+
+
 def source_digest(path: Path, root: Path = ROOT) -> str:
     """Digest of the file at `path`, of all modules of ours that it can reach by imports, and of the Numba version."""
-    seen: dict[Path, bytes] = {}
-    todo = [path]
+    seen: dict[str, bytes] = {}
+    todo = [str(path)]
     while todo:
         file = todo.pop()
-        if file in seen:
-            continue
-        seen[file] = file.read_bytes()
-        package = ".".join(file.relative_to(root).parent.parts) if file.is_relative_to(root) else ""
-        todo.extend(f for name in _imports_of(seen[file], package) if (f := _file_of(name, root)) is not None)
+        if file not in seen:
+            now = os.stat(file)
+            seen[file], imported = _read(file, str(root), (now.st_mtime_ns, now.st_size))
+            todo.extend(imported)
     digest = hashlib.sha256(f"numba {numba.__version__}".encode())
     for file in sorted(seen):
-        digest.update(file.name.encode() + b"\0" + seen[file] + b"\0")
+        digest.update(os.path.basename(file).encode() + b"\0" + seen[file] + b"\0")
     return digest.hexdigest()[:16]
 
 

@@ -159,8 +159,8 @@ def draw_frame(
     alone = shared.most_points == 0 and not keep_order and onlooker is None
     if alone and draws_in_regions(machine) and memory.order_decides_nothing:
         drawn = draw_frame_in_regions(
-            scene, live, bounds.rect, patches, patterns, packed.maps, camera, viewport, grid, easel.canvas.target, host,
-            progress,
+            scene, live, bounds.rect, patches, patterns, packed.maps, camera, viewport, grid, easel.canvas.target,
+            tally.tiles, host, progress,
         )  # fmt: skip
         if drawn is not None:
             tally.count_drawn(units, live, drawn)

@@ -176,6 +176,8 @@ def _draw_patch(
             x0, y0, x1, y1 = max(x0, left), max(y0, top), min(x1, right), min(y1, bottom)
             if x0 > x1 or y0 > y1:
                 continue
+            if known:
+                bits &= box_bits(x0 - left0, y0 - top0, x1 - left0, y1 - top0)
         tile = np.uint32((y0 >> log2) * tiles_x + (x0 >> log2))
         in_one = (x0 ^ x1) >> log2 == 0 and (y0 ^ y1) >> log2 == 0
         if bits == 0 and in_one:  # a queue entry, and no more
@@ -183,6 +185,17 @@ def _draw_patch(
             continue
         a, b, c = np.uint32(vertex[t, 0]), np.uint32(vertex[t, 1]), np.uint32(vertex[t, 2])
         lo, hi = depth_limits(zs[a], zs[b], zs[c], depth_range)
+        if known and in_one:
+            covered, passed, quads = fill_covered(
+                bits, t, left0, top0, xs[a], ys[a], xs[b], ys[b], xs[c], ys[c], zs[a], zs[b], zs[c], lo, hi, width, depth,
+                visible, False, order, stored,
+            )  # fmt: skip
+            queued[tile] += 1
+            counts[tile, _COVERED] += covered
+            counts[tile, _PASSED] += passed
+            counts[tile, _PS] += passed
+            counts[tile, _HELPERS] += 4 * quads - passed
+            continue
         small = one_sample and x1 - x0 < IN_LOOP and y1 - y0 < IN_LOOP
         for ty in range(y0 >> log2, (y1 >> log2) + 1):
             for tx in range(x0 >> log2, (x1 >> log2) + 1):

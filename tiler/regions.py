@@ -21,7 +21,7 @@ from tiler.rasterizer import MARGIN, SAMPLE_X, SAMPLE_Y
 from tiler.region_kernel import Ended, Room, draw_region, make_room
 from tiler.scene.camera import Camera
 from tiler.scene.model import Scene
-from tiler.tile import NUM_TILE_COUNTS, Target
+from tiler.tile import Target
 
 BATCH_POINTS = 1 << 22  # domain points between two reports of progress
 REGIONS = 2  # for each thread, if there are several: so that unequal ones even out; more have more patches on borders
@@ -88,16 +88,17 @@ def _num_pixels(rect: I32) -> I64:
 
 def draw_frame_in_regions(
     scene: Scene, live: I32, rect: I32, patches: Patches, patterns: Patterns, maps: DisplacementMaps, camera: Camera,
-    viewport: Viewport, grid: Grid, target: Target, host: Host, progress: Callable[[float], None],
+    viewport: Viewport, grid: Grid, target: Target, counts: I64, host: Host, progress: Callable[[float], None],
 ) -> Drawn | None:  # fmt: skip
     """Draw the live patches on `target`; None where that can't be done so, and all is to be drawn anew.
 
-    rect : int32[P, 4], the pixels that hold each patch, ends exclusive.
+    rect : int32[P, 4], the pixels that hold each patch, ends exclusive. counts : int64[tiles, NUM_TILE_COUNTS], 0 at first,
+    becomes the result's; 0 again where there is none.
     """
     drawn = Drawn(
         np.zeros((len(live), NUM_OUTCOMES), np.int64),
         np.zeros(len(live), np.int64),
-        np.zeros((grid.num_tiles, NUM_TILE_COUNTS), np.int64),
+        counts,
         np.zeros((grid.num_tiles, 3), np.int64),
     )
     drawn.most[:, 2] = -1
@@ -114,6 +115,7 @@ def draw_frame_in_regions(
             host,
         )  # fmt: skip
         if not ended:
+            counts[:] = 0
             return None
         done += len(batch)
         progress((b + 1) / len(batches))

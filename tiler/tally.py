@@ -142,8 +142,7 @@ class Tally:
         self._add_bytes(len(queues.item), 0, 0, found, parts)
 
     def count_drawn(self, units: Units, live: I32, drawn: Drawn) -> None:
-        """What a `triangle` machine did with patches `live`, which were drawn in regions."""
-        self.tiles += drawn.counts
+        """What a `triangle` machine did with patches `live`, which were drawn in regions and counted in `tiles`."""
         entries = int(drawn.counts[:, TileCount.QUEUE_ENTRIES].sum())
         self._count_triangles(units, live, drawn.outcomes, drawn.num_used, entries)
 
