@@ -12,7 +12,8 @@ import numpy as np
 
 from pipeline import domain, pixel, primitives
 from pipeline.inside import UNKNOWN, Lanes, box_bits, make_lanes
-from pipeline.jit import helper, kernel
+from pipeline.jit import helper, inlined, kernel
+from pipeline.prefetch import prefetch
 from pipeline.types import F32, F64, I64, U8, DomainPoints, Triangles, Window
 from tiler.front_end import allocate_window
 from tiler.rasterizer import IN_LOOP, depth_limits, fill_covered, fill_small, rasterize
@@ -21,6 +22,8 @@ from tiler.tile import TILE_GRID, TileCount, clear_rect, draw_grid, forget_rect,
 
 POINTS = 1 << 15  # domain points shaded together: they and their triangles stay in the second-level cache
 TRIANGLES = 2 * POINTS
+LINE = 16  # pixels of 4 bytes in a line of the cache
+SMALL_RECT = 1 << 12  # pixels of a patch that are worth asking for
 ADDED = 1 << 15  # vertices, and triangles, that the clipper may add to them
 
 
@@ -227,6 +230,25 @@ def _draw_patch(
     return pairs
 
 
+@inlined
+def _limits(rect, k):
+    return np.int64(rect[k, 0]), np.int64(rect[k, 1]), np.int64(rect[k, 2]), np.int64(rect[k, 3])
+
+
+@inlined
+def _fetch_ahead(limits, region, target):
+    """Ask for the pixels of a small patch, which the processor cannot foresee, while the patch before it is drawn."""
+    x0, y0, x1, y1 = max(limits[0], region[0]), max(limits[1], region[1]), limits[2], limits[3]
+    x1, y1 = min(x1, region[2] + 1), min(y1, region[3] + 1)
+    if (x1 - x0) * (y1 - y0) > SMALL_RECT:
+        return
+    width, depth, visible = target.depth.shape[1], target.depth.ravel(), target.visible.ravel()
+    for y in range(y0, y1):
+        for x in range(x0 & -LINE, x1, LINE):
+            prefetch(depth, y * width + x)
+            prefetch(visible, y * width + x)
+
+
 @helper
 def _count_queues(patch, limits, pairs, region, grid, queued, counts, most):
     """Add a patch's entries in each tile of the region, and remember the patch that fills a tile's queue most."""
@@ -274,7 +296,9 @@ def draw_region(
         for k in range(begin, end):
             if triangles.used[k] == 0:
                 continue
-            limits = (np.int64(rect[k, 0]), np.int64(rect[k, 1]), np.int64(rect[k, 2]), np.int64(rect[k, 3]))
+            limits = _limits(rect, k)
+            if target.depth.shape[2] == 1 and k + 1 < end:
+                _fetch_ahead(_limits(rect, k + 1), region, target)
             pairs = _draw_patch(
                 triangles.first[k], triangles.first[k + 1], region, grid, limits, triangles, window, pattern, depth_range,
                 order, target, space.queued, counts,
