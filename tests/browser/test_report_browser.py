@@ -356,6 +356,7 @@ def test_a_study_is_plotted_filtered_and_sorted(study, open_report):
     named = page.locator(".keys-of-plot li").all_inner_texts()
     assert named == ["triangle", "small", "full"] and page.locator("svg.plot .curve").count() == 3
     page.locator("#plot summary").click()
+    page.locator("#plot-table td").first.wait_for(state="visible")  # what is folded has no text
 
     def mean(machine: str, factor: int, counter: str) -> float | None:
         where = {"machine": machine, "tessellation.factor": factor, "status": "ok"}
