@@ -175,3 +175,20 @@ def test_regions_have_like_weights():
         for x0, y0, x1, y1 in found
     ]
     assert len(found) == 8 and max(shares) < 0.2
+
+
+def test_patches_in_many_regions_are_bounded_more_tightly(monkeypatch):
+    scene = tiler.load_scene(
+        "spikelog", size=(320, 180), factor=6
+    )  # its map displaces far: boxes by the whole map's range are large
+    machine = Machine(binning="triangle", bounds="cbox")  # by the range of the whole map, which is wide
+    alone = tiler.simulate(scene, machine, threads=1)
+    asked: list[int] = []
+    intersect = regions.intersect
+    monkeypatch.setattr(regions, "intersect", lambda a, b: asked.append(len(a)) or intersect(a, b))
+    several = tiler.simulate(scene, machine, threads=4)
+    assert asked
+    assert_same_frame(several, alone, "four threads")
+    a = np.array([[0, 0, 10, 10], [0, 0, 4, 4], [3, 3, 3, 3]], np.int32)
+    b = np.array([[5, 2, 20, 8], [6, 6, 9, 9], [0, 0, 9, 9]], np.int32)
+    assert intersect(a, b).tolist() == [[5, 2, 10, 8], [6, 6, 6, 6], [3, 3, 3, 3]]

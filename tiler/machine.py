@@ -32,6 +32,8 @@ from tiler.tally import Tally
 from tiler.tile import Target
 from tiler.units import front_to_back, whole_patches
 
+TIGHT = "tpatch"  # a bound that takes little longer than `cbox`, and is much tighter where displacement is large
+
 
 def render_frame(
     scene: Scene,
@@ -159,8 +161,8 @@ def draw_frame(
     alone = shared.most_points == 0 and not keep_order and onlooker is None
     if alone and draws_in_regions(machine) and memory.order_decides_nothing:
         drawn = draw_frame_in_regions(
-            scene, live, bounds.rect, patches, patterns, packed.maps, camera, viewport, grid, easel.canvas.target,
-            tally.tiles, host, progress,
+            scene, live, bounds.rect, lambda: run(BOUNDS[TIGHT], stage).rect, patches, patterns, packed.maps, camera,
+            viewport, grid, easel.canvas.target, tally.tiles, host, progress,
         )  # fmt: skip
         if drawn is not None:
             tally.count_drawn(units, live, drawn)

@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline import pixel, primitives
 from pipeline.primitives import NUM_OUTCOMES
-from pipeline.types import I32, I64, DisplacementMaps, FaceCull, Patches, Patterns, Viewport
+from pipeline.types import B1, I32, I64, DisplacementMaps, FaceCull, Patches, Patterns, Viewport
 from tiler.back_end import NO_ORDER, unit_vector
 from tiler.config import Machine
 from tiler.front_end import split_batches
@@ -26,6 +26,7 @@ from tiler.tile import Target
 BATCH_POINTS = 1 << 22  # domain points between two reports of progress
 REGIONS = 2  # for each thread, if there are several: so that unequal ones even out; more have more patches on borders
 PIXELS_OF_A_POINT = 2  # of a patch's rectangle, that cost about what one of its domain points does
+CROWDED = 1.2  # regions of a patch, on average, from which it pays to bound patches more tightly
 
 Rect = tuple[int, int, int, int]
 
@@ -87,12 +88,14 @@ def _num_pixels(rect: I32) -> I64:
 
 
 def draw_frame_in_regions(
-    scene: Scene, live: I32, rect: I32, patches: Patches, patterns: Patterns, maps: DisplacementMaps, camera: Camera,
-    viewport: Viewport, grid: Grid, target: Target, counts: I64, host: Host, progress: Callable[[float], None],
+    scene: Scene, live: I32, rect: I32, tighter: Callable[[], I32], patches: Patches, patterns: Patterns,
+    maps: DisplacementMaps, camera: Camera, viewport: Viewport, grid: Grid, target: Target, counts: I64, host: Host,
+    progress: Callable[[float], None],
 ) -> Drawn | None:  # fmt: skip
     """Draw the live patches on `target`; None where that can't be done so, and all is to be drawn anew.
 
-    rect : int32[P, 4], the pixels that hold each patch, ends exclusive. counts : int64[tiles, NUM_TILE_COUNTS], 0 at first,
+    rect : int32[P, 4], the pixels that hold each patch, ends exclusive; tighter() : the same by a better bound, which is asked
+    for where many patches would be shaded in several regions. counts : int64[tiles, NUM_TILE_COUNTS], 0 at first,
     becomes the result's; 0 again where there is none.
     """
     drawn = Drawn(
@@ -107,8 +110,10 @@ def draw_frame_in_regions(
     done = 0
     for b, batch in enumerate(batches):
         first, last = b == 0, b == len(batches) - 1
-        weight = sizes[patterns.of_patch[batch]] + _num_pixels(rect[batch]) // PIXELS_OF_A_POINT
-        regions = cut_regions(rect[batch], weight, grid, 1 if host.threads == 1 else REGIONS * host.threads)
+        regions = _regions_of(batch, rect, sizes, patterns, grid, host)
+        if first and sum(int(_touching(rect[batch], region).sum()) for region in regions) > CROWDED * len(batch):
+            rect = intersect(rect, tighter())
+            regions = _regions_of(batch, rect, sizes, patterns, grid, host)
         part = Drawn(drawn.outcomes[done : done + len(batch)], drawn.num_used[done : done + len(batch)], *drawn[2:])
         ended = _draw_batch(
             scene, batch, rect[batch], regions, patches, patterns, maps, camera, viewport, grid, target, first, last, part,
@@ -120,6 +125,23 @@ def draw_frame_in_regions(
         done += len(batch)
         progress((b + 1) / len(batches))
     return drawn
+
+
+def _regions_of(batch: I32, rect: I32, sizes: I64, patterns: Patterns, grid: Grid, host: Host) -> list[Rect]:
+    weight = sizes[patterns.of_patch[batch]] + _num_pixels(rect[batch]) // PIXELS_OF_A_POINT
+    return cut_regions(rect[batch], weight, grid, 1 if host.threads == 1 else REGIONS * host.threads)
+
+
+def _touching(rect: I32, region: Rect) -> B1:
+    """bool[n], which rectangles, none of them empty, reach into a region."""
+    x0, y0, x1, y1 = region
+    return (rect[:, 0] <= x1) & (rect[:, 2] > x0) & (rect[:, 1] <= y1) & (rect[:, 3] > y0)
+
+
+def intersect(a: I32, b: I32) -> I32:
+    """int32[n, 4], what rectangles have in common, row by row; ends exclusive, and not before their begins."""
+    begins = np.maximum(a[:, :2], b[:, :2])
+    return np.concatenate([begins, np.maximum(np.minimum(a[:, 2:], b[:, 2:]), begins)], axis=1)
 
 
 def _take_room(sizes: tuple[int, int, int]) -> Room:
@@ -157,8 +179,8 @@ def _draw_batch(
     nowhere = (rect[:, 0] >= rect[:, 2]) | (rect[:, 1] >= rect[:, 3])
 
     def work(r: int) -> None:
-        x0, y0, x1, y1 = region = regions[r]
-        touches = (rect[:, 0] <= x1) & (rect[:, 2] > x0) & (rect[:, 1] <= y1) & (rect[:, 3] > y0) & ~nowhere
+        region = regions[r]
+        touches = _touching(rect, region) & ~nowhere
         mine = np.flatnonzero(touches | nowhere if r == 0 else touches)
         n = len(mine)
         outcomes, num_used = np.zeros((n, NUM_OUTCOMES), np.int64), np.zeros(n, np.int64)
