@@ -144,6 +144,11 @@ class Helper(CPUDispatcher):
     ) -> None:
         super().__init__(py_func, locals, targetoptions, pipeline_class)
 
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """What a call returns. Of whole numbers only the type counts, not which one: else a helper would be compiled for each."""
+        plain = tuple(types.unliteral(a) if isinstance(a, types.IntegerLiteral) else a for a in args)
+        return super().get_call_template(plain, kws)
+
     def add_overload(self, cres: Any) -> None:
         """Keep what was compiled for kernels, and not where calls from Python look."""
         self.overloads[tuple(cres.signature.args)] = cres
