@@ -62,7 +62,7 @@ class _BorrowingLower(lowering.Lower):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _Lowering(typed_passes.NativeLowering):
-    """Lowering that borrows arguments."""
+    """Lowering that borrows arguments, without a wrapper for calls from C: nobody takes a kernel's address."""
 
     _name = "borrowing_lowering"
 
@@ -70,6 +70,10 @@ class _Lowering(typed_passes.NativeLowering):
     def lowering_class(self) -> Any:
         """Ours."""
         return _BorrowingLower
+
+    def run_pass(self, state: Any) -> bool:
+        state.flags.no_cfunc_wrapper = True
+        return super().run_pass(state)
 
 
 class _Part(JITCodeLibrary):
@@ -96,7 +100,7 @@ class _PartLowering(_Lowering):
 
     def run_pass(self, state: Any) -> bool:
         flags, context = state.flags, state.targetctx
-        flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+        flags.no_compile = flags.no_cpython_wrapper = True
         state.library = _Part(context.codegen(), state.func_id.func_qualname)
         super().run_pass(state)
         entry = _Entry()
@@ -145,7 +149,7 @@ class Helper(CPUDispatcher):
         super().__init__(py_func, locals, targetoptions, pipeline_class)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """What a call returns. Of whole numbers only the type counts, not which one: else a helper would be compiled for each."""
+        """What a call returns. Whole numbers count by type, not by value: else a helper would be compiled for each of them."""
         plain = tuple(types.unliteral(a) if isinstance(a, types.IntegerLiteral) else a for a in args)
         return super().get_call_template(plain, kws)
 
