@@ -26,7 +26,10 @@ def _parts(kind: Any) -> list[Any]:
 
 
 def _holds_arrays(kind: Any) -> bool:
-    return isinstance(kind, types.Array) or any(map(_holds_arrays, _parts(kind)))
+    """Whether a value of this type is, or may hold, an array."""
+    if isinstance(kind, types.BaseTuple):
+        return any(map(_holds_arrays, _parts(kind)))
+    return isinstance(kind, (types.Buffer, types.Optional, types.Container, types.ListType, types.DictType))
 
 
 def _borrow(context: Any, builder: Any, kind: Any, value: Any) -> Any:
