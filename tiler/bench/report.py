@@ -23,8 +23,8 @@ The scene is a displaced torus of bicubic patches, closed and seen whole (`tiler
 binning without cull tests, except where a row names another. Its frames are drawn by regions, patch by patch
 (`tiler/regions.py`); so the rows of stages are of frames that are drawn stage by stage, as other machines' frames are. Stages
 are timed from outside, around the calls of `render_frame`; bounds and cull tests by calls of their own. Other scenes beside the
-peer are given with `--scene`: rows that say `monsterfrog` are of a scene file with that model, 1,292 faces, displaced by its own
-map, which is not ours to ship. Its patches share normals along edges; the peer's shader has none of that.
+peer are given with `--scene`: rows that say `monsterfrog` are of a scene file with that model, 1,292 faces, displaced by its
+own map, which is not ours to ship. Its patches share normals along edges; the peer's shader has none of that.
 """
 
 
