@@ -108,7 +108,8 @@ class _PartLowering(_Lowering):
         super().run_pass(state)
         entry = _Entry()
         context.insert_user_function(entry, state.cr.fndesc, [state.library])
-        state.reload_init.extend(state.library._reload_init)
+        if hasattr(state.library, "_reload_init"):  # not in older Numba
+            state.reload_init.extend(state.library._reload_init)
         state.cr = state.cr._replace(cfunc=entry)
         return True
 
@@ -149,7 +150,7 @@ class Helper(CPUDispatcher):
     def __init__(
         self, py_func: Any, locals: Any = None, targetoptions: Any = None, pipeline_class: Any = PartCompiler
     ) -> None:
-        super().__init__(py_func, locals, targetoptions, pipeline_class)
+        super().__init__(py_func, locals or {}, targetoptions or {}, pipeline_class)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """What a call returns. Whole numbers count by type, not by value: else a helper would be compiled for each of them."""
