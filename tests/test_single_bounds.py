@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pipeline.bounds import BOUNDS, normals, oriented, single_normals
+from pipeline.bounds import BOUNDS, cbox, normals, oriented, single_normals
 from pipeline.bounds.cbox import position_errors
-from pipeline.bounds.extremes import QUAD, find_extremes
+from pipeline.bounds.extremes import find_extremes, put_diagonals
 from pipeline.bounds.general import evaluate
 from pipeline.bounds.lanes import LANES
 from pipeline.bounds.lookup import displacement_ranges
@@ -98,12 +98,12 @@ def _extremes(control_points, first, tail, s):
 def test_extremes_of_a_block_are_those_of_its_points_and_broken_ones_are_told(compiled):
     rng = np.random.default_rng(0)
     cp = rng.normal(size=(LANES + 7, 64)).astype(np.float32)
-    s, tail = np.zeros(2 * QUAD * LANES, np.float32), np.zeros((LANES, 64), np.float32)
+    s, tail = np.zeros(2 * 3 * LANES, np.float32), np.zeros((LANES, 64), np.float32)
     run = _extremes if compiled else _extremes.py_func
     for first, count in ((0, LANES), (LANES, 7)):
         assert run(cp, first, tail, s)
         points = cp[first : first + count].reshape(count, 16, 4)
-        low, high = s.reshape(2, LANES, QUAD)[:, :count, :3]
+        low, high = s.reshape(2, LANES, 3)[:, :count]
         np.testing.assert_array_equal(low, points.min(axis=1)[:, :3])
         np.testing.assert_array_equal(high, points.max(axis=1)[:, :3])
         for number in (np.nan, np.inf, -np.inf):
@@ -112,6 +112,38 @@ def test_extremes_of_a_block_are_those_of_its_points_and_broken_ones_are_told(co
                 broken[first + k % count].reshape(16, 4)[k % 16, k // 16] = number
                 with np.errstate(invalid="ignore"):
                     assert not run(broken, first, tail, s)
+
+
+@kernel
+def _diagonals(numbers, axes, begin):
+    put_diagonals(numbers, axes, begin)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_three_numbers_a_patch_become_diagonal_matrices(compiled):
+    numbers = np.random.default_rng(0).normal(size=(LANES, 3))
+    axes = np.full((LANES + 2, 3, 3), 7.0)
+    run = _diagonals if compiled else _diagonals.py_func
+    run(numbers.reshape(-1), axes.reshape(-1), 9)
+    np.testing.assert_array_equal(axes[1:-1], numbers[:, :, None] * np.eye(3))
+    assert (axes[[0, -1]] == 7.0).all()
+
+
+@by_seed
+def test_cartesian_boxes_in_blocks_are_those_of_the_patches_one_by_one(seed):
+    """But for float64's roundings, as extents are added up in another order, and for 28 u^2 that blocks are larger."""
+    rng = np.random.default_rng(seed)
+    for n in (1, LANES - 1, LANES, 2 * LANES + 5):
+        stage, _, _ = staged(rng, n, 0.3)
+        for ranges, by_map in ((stage.pyramids.whole, True), (displacement_ranges(stage), False)):
+            blocks, alone = cbox.box_patches(stage, ranges, by_map), allocate_boxes(n)
+            cbox._fill_boxes(np.arange(n), stage.patches, stage.domain, ranges, by_map, np.empty((4, 4, 4)), alone)
+            size = abs(alone.center).max(axis=1) + abs(alone.axes).max(axis=(1, 2))
+            assert (abs(blocks.center - alone.center).max(axis=1) <= 2.0**-51 * size).all()
+            more = np.diagonal(blocks.axes - alone.axes, axis1=1, axis2=2)
+            assert (-(2.0**-51) * size <= more.min(axis=1)).all() and (more.max(axis=1) <= 28 * U * U * size).all()
+            assert not blocks.axes[:, ~np.eye(3, dtype=bool)].any()
+            assert (blocks.cone_cos == -1.0).all()
 
 
 # Beside float64

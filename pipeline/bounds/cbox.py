@@ -16,7 +16,7 @@ and widened in float64. Others go by the scalar functions.
 
 import numpy as np
 
-from pipeline.bounds.extremes import HIGH, LOW, QUAD, find_extremes
+from pipeline.bounds.extremes import HIGH, LOW, find_extremes, put_diagonals
 from pipeline.bounds.gregory import most_inner_weight, reach_of_inner, widest_inner
 from pipeline.bounds.lanes import LANES, aligned
 from pipeline.bounds.project import Boxes, allocate_boxes, project_boxes, unprojected
@@ -132,10 +132,11 @@ def _fill_boxes(numbers, patches, domain, ranges, by_map, net, bounds):
         _fill_box(p, _restricted_box(patches, p, domain, net), reach, bounds)
 
 
-# Whole polynomial patches, in blocks. What is known of a patch's x, y, z (and w, which is of no use) lies in a row, patch
-# after patch: in float32 as `extremes` leaves it, in float64 center, half extents and the reach of the displacement.
+# Whole polynomial patches, in blocks. What is known of a patch's x, y, z lies as `extremes` leaves it, patch after patch:
+# so centers are already where they belong. REACH, how far a displacement moves a point, roundings included; GAIN, what of
+# the largest magnitude roundings may move it; both float64, like half the extents, HALF.
 
-CENTER, HALF, REACH, ROWS64 = 0, QUAD, 2 * QUAD, 3 * QUAD
+HALF, REACH, GAIN, NUM_FLOATS = 0, 3 * LANES, 6 * LANES, 9 * LANES
 MIXED = np.int32(-2)  # maps
 
 
@@ -169,43 +170,44 @@ def _shared_map(first, map_id):
 
 @inlined
 def _put_reaches(first, count, map_id, ranges, by_map, d):
-    """REACH of a block, the same for each coordinate of a patch."""
+    """REACH and GAIN of a block, the same for each coordinate of a patch.
+
+    Together what `widen_errors` and `_grow` add: `_grow`'s magnitude is that of a coordinate widened already, by under 14 u.
+    """
     for lane in range(count):
         reach = _reach_of(first + lane, map_id, ranges, by_map)
-        for c in range(QUAD):
-            d[REACH * LANES + QUAD * lane + c] = reach
+        for c in range(3):
+            d[REACH + 3 * lane + c] = reach * (1.0 + 6.0 * U) + UNDERFLOW
+            d[GAIN + 3 * lane + c] = (
+                error_factor(False) + UNDERFLOW + (2.0 * U * (1.0 + 14.0 * U) if reach > 0.0 else 0.0)
+            )
 
 
 @inlined
-def _widen(s, d):
-    """CENTER and HALF of a block."""
+def _widen(s, d, center, begin):
+    """Centers of a block and HALF."""
     prefer_wide()
-    for i in range(QUAD * LANES):
-        lo, hi = np.float64(s[LOW * LANES + i]), np.float64(s[HIGH * LANES + i])
-        error, _, _ = widen_errors(max(abs(lo), abs(hi)), 0.0, 0.0, 1.0, False)
-        lo, hi = _grow(lo - error, hi + error, d[REACH * LANES + i])
-        d[CENTER * LANES + i], d[HALF * LANES + i] = 0.5 * (lo + hi), 0.5 * (hi - lo)
-
-
-@inlined
-def _store(d, first, count, center, axes, cone_cos):
-    for lane in range(count):
-        p, i, j = np.uintp(first) + np.uintp(lane), CENTER * LANES + QUAD * lane, HALF * LANES + QUAD * lane
-        center[p, 0], center[p, 1], center[p, 2] = d[i], d[i + 1], d[i + 2]
-        axes[p, 0, 0], axes[p, 0, 1], axes[p, 0, 2] = d[j], 0.0, 0.0
-        axes[p, 1, 0], axes[p, 1, 1], axes[p, 1, 2] = 0.0, d[j + 1], 0.0
-        axes[p, 2, 0], axes[p, 2, 1], axes[p, 2, 2] = 0.0, 0.0, d[j + 2]
-        cone_cos[p] = -1.0
+    for i in range(3 * LANES):
+        low, high = s[LOW + i], s[HIGH + i]
+        most = np.float64(max(-low, high))
+        lo, hi = np.float64(low), np.float64(high)
+        center[begin + np.uintp(i)] = 0.5 * (lo + hi)
+        d[HALF + i] = 0.5 * (hi - lo) + (d[GAIN + i] * most + d[REACH + i])
 
 
 @kernel
 def _fill_whole_boxes(
     control_points, rational, gregory_id, map_id, ends, ranges, by_map, center, axes, cone_cos, left
 ):  # fmt: skip
-    """Boxes of all patches; left: those for which they do not hold, and all of a block with a number that is not finite."""
+    """Boxes of all patches; left: those for which they do not hold, and all of a block with a number that is not finite.
+
+    control_points : float32[n, 64]
+    center, axes   : float64[3 n] and [9 n]
+    """
     n, some_left = len(control_points), find_left(rational, gregory_id, gregory_id, ends, left)
-    tail, s = np.empty((LANES, 64), np.float32), aligned(np.empty(2 * QUAD * LANES + 16, np.float32))
-    d = aligned(np.zeros(ROWS64 * LANES + 8))
+    tail, s = np.empty((LANES, 64), np.float32), aligned(np.empty(6 * LANES + 16, np.float32))
+    d = aligned(np.zeros(NUM_FLOATS + 8))
+    few, few_axes = np.empty(3 * LANES), np.empty(9 * LANES)
     known = MIXED
     for first in range(0, n, LANES):
         count = min(LANES, n - first)
@@ -214,11 +216,19 @@ def _fill_whole_boxes(
             left[first : first + count] = True
             some_left = True
         m = _shared_map(first, map_id) if by_map and count == LANES else MIXED
-        if m == MIXED or m != known:  # else REACH is as the last block had it
+        if m == MIXED or m != known:  # else REACH and GAIN are as the last block had them
             _put_reaches(first, count, map_id, ranges, by_map, d)
         known = m
-        _widen(s, d)
-        _store(d, first, count, center, axes, cone_cos)
+        if count == LANES:
+            _widen(s, d, center, np.uintp(3 * first))
+            put_diagonals(d, axes, 9 * first)
+        else:
+            _widen(s, d, few, np.uintp(0))
+            put_diagonals(d, few_axes, 0)
+            center[3 * first :] = few[: 3 * count]
+            axes[9 * first :] = few_axes[: 9 * count]
+        for lane in range(count):
+            cone_cos[np.uintp(first) + np.uintp(lane)] = -1.0
     return some_left
 
 
@@ -231,7 +241,7 @@ def put_boxes(stage: HullInput, ranges: F64, by_map: bool, boxes: Boxes) -> None
     left = np.empty(n, np.bool_)
     if _fill_whole_boxes(
         patches.control_points.reshape(n, 64), patches.rational, patches.gregory_id, patches.map_id,
-        stage.domain.reshape(-1), ranges, by_map, boxes.center, boxes.axes, boxes.cone_cos, left,
+        stage.domain.reshape(-1), ranges, by_map, boxes.center.reshape(-1), boxes.axes.reshape(-1), boxes.cone_cos, left,
     ):  # fmt: skip
         _fill_boxes(np.flatnonzero(left), patches, stage.domain, ranges, by_map, np.empty((4, 4, 4)), boxes)
 
