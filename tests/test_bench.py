@@ -242,7 +242,7 @@ def test_report_says_what_was_asked_and_reached():
     assert asked["domain shader, factor 8: ns an invocation, one thread"] == ["24.0", "<= 25", "yes"]
     assert asked["domain shader, factor 8: times the arithmetic limit"] == ["2.0", "<= 3", "yes"]
     assert asked["torus, factor 8, triangle: times faster than llvmpipe"] == ["6.0", ">= 5", "yes"]
-    assert asked["import tiler: s"] == ["0.70", "<= 0.5", "no"]
+    assert asked["import tiler: s (0.1 s of processors)"] == ["0.70", "<= 0.5", "no"]
     assert asked["200 views of 100 patches through tcone, tangent_plane, one thread: s"] == ["8.0", "<= 60", "yes"]
 
 

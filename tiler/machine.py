@@ -8,7 +8,7 @@ import numpy as np
 from pipeline import hull
 from pipeline.bounds import BOUNDS
 from pipeline.types import Viewport
-from tiler import back_end, front_end, verify
+from tiler import back_end, compile_ahead, front_end, verify
 from tiler.back_end import NO_ORDER
 from tiler.blame import Witness
 from tiler.blame_watch import Watch
@@ -50,6 +50,8 @@ def render_frame(
     reel : of the run that the frame belongs to. shared : how stages run. onlooker : sees it being drawn.
     """
     start = time.perf_counter()
+    if host.threads > 1 and not draws_in_regions(machine):
+        compile_ahead.begin()
     reel = reel or Reel()
     history = None
     if machine.phased:
@@ -185,6 +187,7 @@ def draw_frame(
             points = run(
                 front_end.shade_domain_points, shaded, units.patches, units.patterns, packed.maps, camera, host
             )  # fmt: skip
+            compile_ahead.wait()
             geometry = run(front_end.set_up_triangles, shaded, points, units.patterns, viewport, scene, host)
             if at_once is not None:
                 geometry = run(front_end.pick_units, geometry, at_once, batch, shared)

@@ -102,8 +102,8 @@ def _asked(results: Results) -> Table:
         what = f"{m.patches:,} patches, factor {m.factor:g}, {m.size[0]}x{m.size[1]}: peak GB"
         rows.append((what, m.peak_bytes / 1e9, ".2f", ASKED_BYTES / 1e9, False))
     for wait in results.startup:
-        rows.append((f"{wait.what}: s", wait.seconds, ".2f", ASKED[wait.what], False))
-        rows.append((f"{wait.what}: processor s", wait.cpu_seconds, ".2f", ASKED[wait.what], False))
+        what = f"{wait.what}: s ({wait.cpu_seconds:.1f} s of processors)"
+        rows.append((what, wait.seconds, ".2f", ASKED[wait.what], False))
     return Table(
         "Asked and reached",
         ["", "measured", "asked", ""],
