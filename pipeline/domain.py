@@ -70,11 +70,14 @@ from pipeline.domain_rows import (
 from pipeline.domain_surfaces import acc_passes, bezier_passes, find_grid, gregory_passes
 from pipeline.edge_normals import SPACE, write_edge_normals
 from pipeline.jit import helper, inlined, kernel
+from pipeline.prefetch import prefetch
 from pipeline.seams import write_seam_values
 
 __all__ = ["BLOCK", "SCRATCH", "shade_patches"]
 
 THREE = np.float32(3.0)
+LINE = 16  # numbers in a line of the cache
+IN_CACHE = 1 << 16  # points whose places, 28 bytes each, no prefetch brings nearer
 
 
 @helper
@@ -300,6 +303,16 @@ def _store_points(points, first, displaced, s, n):
 
 
 @inlined
+def _ask_for_room(points, first, n):
+    """Ask for the places of the n points from `first` on, which the next block will write."""
+    for k in range(first, first + n, LINE):
+        for c in range(4):
+            prefetch(points.clip, c * points.clip.shape[1] + k)
+        for c in range(3):
+            prefetch(points.normal, c * points.normal.shape[1] + k)
+
+
+@inlined
 def _copy_patch(patches, p, cp, texcoords):
     """Control points and texture coordinates of patch p: slices of its own would be counted references, slow ones."""
     for i in range(4):
@@ -324,7 +337,7 @@ def shade_patches(begin, end, live, patches, patterns, maps, matrix, points, scr
     live : int32[...], patch numbers in submit order. patches : world space. matrix : float32[4, 4], world to clip.
     scratch : float32[SCRATCH], the caller's, one for each thread.
     """
-    last, grid = -1, (0, 0, 0)
+    last, grid, loaded = -1, (0, 0, 0), (-1, -1)
     ints, places = scratch.view(np.int32), scratch.view(np.uint32)
     cp, texcoords = scratch[NETS:CORNERS].reshape(4, 4, 4), scratch[CORNERS:SCRATCH].reshape(4, 2)
     for k in range(begin, end):
@@ -346,7 +359,11 @@ def shade_patches(begin, end, live, patches, patterns, maps, matrix, points, scr
         first = 0
         while first < count:
             n = _block_length(first, grid[0] if first < grid[0] else count)
-            _load_points(patterns.uv, source + first, n, scratch)
+            if (pattern, first) != loaded:
+                _load_points(patterns.uv, source + first, n, scratch)
+                loaded = (pattern, first)
+            if points.clip.shape[1] > IN_CACHE:
+                _ask_for_room(points, points.first[k] + first + n, n)
             if plain:
                 _shade_bezier(cp, patches.rational[p], grid, first, scratch, n)
                 _displace_bezier(texcoords, map_id, maps, matrix, scratch, ints, places, filled(n))
