@@ -546,7 +546,8 @@ class NaiveMachine:
         """Depth of the triangle at a sample with edge values e1, e2 (of vertices 1 and 2); LESS, and write."""
         vertices = triangle.shape.vertices
         z0, z1, z2 = (float(v.z) for v in vertices)
-        z = f32(z0 + (e1 * (z1 - z0) + e2 * (z2 - z0)) / float(twice_area(*vertices)))
+        area = float(twice_area(*vertices))
+        z = f32(z0 + (e1 * ((z1 - z0) / area) + e2 * ((z2 - z0) / area)))
         z = min(max(z, min(v.z for v in vertices)), max(v.z for v in vertices))
         z = min(max(z, f32(0)), f32(1))
         mine = (triangle.patch, triangle.number)

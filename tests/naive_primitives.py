@@ -209,7 +209,8 @@ def sample_depth(vertices, x, y, depth_range):
     """Linear in screen space, in float64, rounded to float32; clamped to the triangle's range, and that to the viewport's."""
     _, e1, e2 = edge_values(vertices, x, y)
     z0, z1, z2 = (float(v.z) for v in vertices)
-    z = F(z0 + (e1 * (z1 - z0) + e2 * (z2 - z0)) / twice_area(*vertices))
+    area = twice_area(*vertices)
+    z = F(z0 + (e1 * ((z1 - z0) / area) + e2 * ((z2 - z0) / area)))
     near, far = (F(d) for d in depth_range)
     low, high = (min(max(F(end), near), far) for end in (min(z0, z1, z2), max(z0, z1, z2)))
     return min(max(z, low), high)

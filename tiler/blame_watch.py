@@ -56,7 +56,8 @@ def _draw(t, box, triangles, window, order, sample_x, sample_y, film):
     dx2, dy2, c2, b2 = _edge(window, a, b)
     area = np.float64(c0 + dx0 * window.y[a] - dy0 * window.x[a])
     z0, z1, z2 = window.z[a], window.z[b], window.z[c]
-    base, step1, step2 = np.float64(z0), np.float64(z1) - np.float64(z0), np.float64(z2) - np.float64(z0)
+    base = np.float64(z0)
+    along1, along2 = (np.float64(z1) - base) / area, (np.float64(z2) - base) / area
     lo, hi = min(z0, z1, z2), max(z0, z1, z2)
     one, zero = np.float32(1.0), np.float32(0.0)
     bits = 0
@@ -70,7 +71,7 @@ def _draw(t, box, triangles, window, order, sample_x, sample_y, film):
                 if ((e0 + b0) | (e1 + b1) | (e2 + b2)) < 0:
                     continue
                 bits |= COVERED
-                z = np.float32(base + (np.float64(e1) * step1 + np.float64(e2) * step2) / area)
+                z = np.float32(base + (np.float64(e1) * along1 + np.float64(e2) * along2))
                 z = min(max(min(max(z, lo), hi), zero), one)
                 d = film.depth[y, x, s]
                 if z < d or (z == d and order[t] < film.order[y, x, s]):

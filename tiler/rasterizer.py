@@ -16,6 +16,7 @@ from numba.cpython.unsafe import numbers
 from pipeline.inside import SIDE
 from pipeline.jit import helper, inlined
 from tiler.order import comes_before
+from tiler.row_fill import LANES, count_bits, test_row
 
 BLOCK_LOG2 = 3  # triangles wider than a block are walked by blocks of 8x8 pixels, and blocks outside an edge skipped
 SMALL = 1 << BLOCK_LOG2
@@ -61,23 +62,58 @@ def depth_limits(z0, z1, z2, depth_range):
     return lo, hi
 
 
+@inlined
+def _make_plane(z0, z1, z2, lo, hi, twice_area):
+    """z0, what z gains with edge functions 1 and 2, in float64, and the range that depths are clamped to (`depth_limits`)."""
+    base, area = np.float64(z0), np.float64(twice_area)
+    return base, (np.float64(z1) - base) / area, (np.float64(z2) - base) / area, lo, hi
+
+
 @helper
-def _depth_plane(triangles, window, t, depth_range):
-    """z0, z1 - z0, z2 - z0 in float64, and the range that depths are clamped to."""
+def _depth_plane(triangles, window, t, depth_range, twice_area):
     z0 = window.z[triangles.vertex[t, 0]]
     z1 = window.z[triangles.vertex[t, 1]]
     z2 = window.z[triangles.vertex[t, 2]]
     lo, hi = depth_limits(z0, z1, z2, depth_range)
-    base = np.float64(z0)
-    return base, np.float64(z1) - base, np.float64(z2) - base, lo, hi
+    return _make_plane(z0, z1, z2, lo, hi, twice_area)
 
 
 @inlined
-def _depth(plane, area, e1, e2):
+def _depth(plane, e1, e2):
     """Depth where the edge functions 1 and 2 are e1 and e2: float64, rounded to float32, clamped."""
-    base, z_1, z_2, lo, hi = plane
-    z = np.float32(base + (np.float64(e1) * z_1 + np.float64(e2) * z_2) / area)
+    base, along_1, along_2, lo, hi = plane
+    z = np.float32(base + (np.float64(e1) * along_1 + np.float64(e2) * along_2))
     return min(max(z, lo), hi)
+
+
+@inlined
+def _fill_rows(t, x0, y0, x1, y1, values, down, right, biases, plane, width, depth, visible):
+    """`fill_small` where triangles come in submit order: row by row, LANES pixels at a time.
+
+    values : of the edge functions at the first pixel, without bias. down, right : dx and dy of the edges.
+    """
+    e0, e1, e2 = np.float64(values[0]), np.float64(values[1]), np.float64(values[2])
+    down0, down1, down2 = np.float64(down[0] << 8), np.float64(down[1] << 8), np.float64(down[2] << 8)
+    steps = np.float64(right[0] << 8), np.float64(right[1] << 8), np.float64(right[2] << 8)
+    least = np.float64(-biases[0]), np.float64(-biases[1]), np.float64(-biases[2])
+    covered, passed, quads, two_rows = 0, 0, 0, 0
+    odd = x0 & 1
+    for row in range(y0, y1 + 1):
+        two_rows = two_rows if row & 1 else 0  # bit k: something passed in column k - odd of this pair of rows
+        for column in range(x0, x1 + 1, LANES):
+            k = np.float64(column - x0)
+            now = e0 - k * steps[0], e1 - k * steps[1], e2 - k * steps[2]
+            bits = test_row(
+                depth, visible, row * width + column, x1 + 1 - column, now, steps, least, plane, t
+            )  # fmt: skip
+            covered += count_bits(bits & ((1 << LANES) - 1))
+            won = bits >> LANES
+            passed += count_bits(won)
+            two_rows |= won << (odd + column - x0)
+        if row & 1 or row == y1:
+            quads += count_bits((two_rows | (two_rows >> 1)) & 0x55555)
+        e0, e1, e2 = e0 + down0, e1 + down1, e2 + down2
+    return covered, passed, quads
 
 
 @inlined
@@ -99,9 +135,12 @@ def fill_small(
     e0 = dy0 * qx - dx0 * qy + b0
     e1 = dy1 * rx - dx1 * ry + b1
     e2 = dy2 * px - dx2 * py + b2
-    base = np.float64(z_a)
-    plane = (base, np.float64(z_b) - base, np.float64(z_c) - base, lo, hi)
-    area = np.float64(dx2 * (ry - py) - dy2 * (rx - px))
+    plane = _make_plane(z_a, z_b, z_c, lo, hi, dx2 * (ry - py) - dy2 * (rx - px))
+    if not ties:
+        return _fill_rows(
+            t, x0, y0, x1, y1, (e0 - b0, e1 - b1, e2 - b2), (dx0, dx1, dx2), (dy0, dy1, dy2), (b0, b1, b2), plane, width,
+            depth, visible,
+        )  # fmt: skip
     covered, passed, quads, quads_of_rows = 0, 0, 0, 0
     for row in range(y0, y1 + 1):
         quads_of_rows = quads_of_rows if row & 1 else 0  # bit k: the k-th block of this pair of rows is counted
@@ -113,15 +152,14 @@ def fill_small(
                 covered += 1
                 k = row * width + column
                 d = depth[k]
-                if lo < d or ties:  # no depth of the triangle is nearer than `lo`
-                    z = _depth(plane, area, f1 - b1, f2 - b2)
-                    if z < d or (ties and z == d and comes_before(t, visible[k], order, stored[k])):
-                        depth[k] = z
-                        visible[k] = t
-                        passed += 1
-                        quad = 1 << ((column >> 1) - (x0 >> 1))
-                        quads += (quads_of_rows & quad) == 0
-                        quads_of_rows |= quad
+                z = _depth(plane, f1 - b1, f2 - b2)
+                if z < d or (z == d and comes_before(t, visible[k], order, stored[k])):
+                    depth[k] = z
+                    visible[k] = t
+                    passed += 1
+                    quad = 1 << ((column >> 1) - (x0 >> 1))
+                    quads += (quads_of_rows & quad) == 0
+                    quads_of_rows |= quad
             elif entered:
                 break  # a triangle is convex: the row is done
             f0 -= dy0 << 8
@@ -161,9 +199,7 @@ def fill_covered(
     dx1, dy1, dx2, dy2 = px - rx, py - ry, qx - px, qy - py
     e1 = dy1 * rx - dx1 * ry
     e2 = dy2 * px - dx2 * py
-    base = np.float64(z_a)
-    plane = (base, np.float64(z_b) - base, np.float64(z_c) - base, lo, hi)
-    area = np.float64(dx2 * (ry - py) - dy2 * (rx - px))
+    plane = _make_plane(z_a, z_b, z_c, lo, hi, dx2 * (ry - py) - dy2 * (rx - px))
     first = y0 * width + x0
     covered, passed, seen = 0, 0, np.int64(0)
     while bits:
@@ -177,7 +213,7 @@ def fill_covered(
         if lo < d or ties:
             f1 = e1 + ((dx1 * row - dy1 * column) << 8)
             f2 = e2 + ((dx2 * row - dy2 * column) << 8)
-            z = _depth(plane, area, f1, f2)
+            z = _depth(plane, f1, f2)
             if z < d or (ties and z == d and comes_before(t, visible[k], order, stored[k])):
                 depth[k] = z
                 visible[k] = t
@@ -187,7 +223,7 @@ def fill_covered(
 
 
 @helper
-def _fill(x0, y0, x1, y1, t, edges, plane, area, depth, visible, ties, order, stored):
+def _fill(x0, y0, x1, y1, t, edges, plane, depth, visible, ties, order, stored):
     """Test the centre of pixels x0..x1, y0..y1.
 
     Returns samples covered, samples passed, pixels with a sample passed, 2x2 blocks of pixels with such a pixel.
@@ -208,7 +244,7 @@ def _fill(x0, y0, x1, y1, t, edges, plane, area, depth, visible, ties, order, st
                 covered += 1
                 d = depth[y, x, 0]
                 if plane[3] < d or ties:
-                    z = _depth(plane, area, e1 - b1, e2 - b2)
+                    z = _depth(plane, e1 - b1, e2 - b2)
                     if z < d or (ties and z == d and comes_before(t, visible[y, x, 0], order, stored[y, x, 0])):
                         depth[y, x, 0] = z
                         visible[y, x, 0] = t
@@ -226,7 +262,7 @@ def _fill(x0, y0, x1, y1, t, edges, plane, area, depth, visible, ties, order, st
 
 @helper
 def _fill_samples(
-    x0, y0, x1, y1, t, edges, plane, area, sample_x, sample_y, depth, visible, ties, order, stored
+    x0, y0, x1, y1, t, edges, plane, sample_x, sample_y, depth, visible, ties, order, stored
 ):  # fmt: skip
     """As `_fill`, for every sample of a pattern of several."""
     (dx0, dy0, c0, b0), (dx1, dy1, c1, b1), (dx2, dy2, c2, b2) = edges
@@ -248,7 +284,7 @@ def _fill_samples(
                     d = depth[y, x, s]
                     if plane[3] >= d and not ties:
                         continue
-                    z = _depth(plane, area, s1, s2)
+                    z = _depth(plane, s1, s2)
                     if z < d or (ties and z == d and comes_before(t, visible[y, x, s], order, stored[y, x, s])):
                         depth[y, x, s] = z
                         visible[y, x, s] = t
@@ -308,8 +344,7 @@ def rasterize(
     """
     a, b, c = triangles.vertex[t, 0], triangles.vertex[t, 1], triangles.vertex[t, 2]
     edges, twice_area = triangle_edges(window, a, b, c)
-    plane = _depth_plane(triangles, window, t, depth_range)
-    area = np.float64(twice_area)
+    plane = _depth_plane(triangles, window, t, depth_range, twice_area)
     small = x1 - x0 < SMALL and y1 - y0 < SMALL
     covered, passed, pixels, quads = 0, 0, 0, 0
     for py0 in range(y0 if small else y0 & -SMALL, y1 + 1, SMALL):
@@ -317,10 +352,10 @@ def rasterize(
             bx0, by0, bx1, by1 = max(x0, px0), max(y0, py0), min(x1, px0 + SMALL - 1), min(y1, py0 + SMALL - 1)
             if small or reaches_all(edges, bx0, by0, bx1, by1, margin):
                 if len(sample_x) == 1:
-                    n, m, p, q = _fill(bx0, by0, bx1, by1, t, edges, plane, area, depth, visible, ties, order, stored)
+                    n, m, p, q = _fill(bx0, by0, bx1, by1, t, edges, plane, depth, visible, ties, order, stored)
                 else:
                     n, m, p, q = _fill_samples(
-                        bx0, by0, bx1, by1, t, edges, plane, area, sample_x, sample_y, depth, visible, ties, order, stored
+                        bx0, by0, bx1, by1, t, edges, plane, sample_x, sample_y, depth, visible, ties, order, stored
                     )  # fmt: skip
                 covered += n
                 passed += m
