@@ -2,20 +2,42 @@
 
 import numpy as np
 
-from pipeline.jit import kernel
+from pipeline.jit import inlined, kernel, unaliased
 from pipeline.types import F32, I32, Patches
+
+ONE, TWO, THREE = np.uint64(1), np.uint64(2), np.uint64(3)
+
+
+@inlined
+def _matrix_rows(m):
+    """float32[3, 4] as tuples."""
+    return (
+        (m[0, 0], m[0, 1], m[0, 2], m[0, 3]), (m[1, 0], m[1, 1], m[1, 2], m[1, 3]), (m[2, 0], m[2, 1], m[2, 2], m[2, 3]),
+    )  # fmt: skip
+
+
+@unaliased
+def _transform_points(begin, end, m, points, out):
+    """Homogeneous points begin .. end - 1 of flat arrays. Numbers are made unsigned: an index from the end costs a test."""
+    (m00, m01, m02, m03), (m10, m11, m12, m13), (m20, m21, m22, m23) = _matrix_rows(m)
+    for i in range(begin, end):
+        k = np.uint64(4) * np.uint64(i)
+        x, y, z, w = points[k], points[k + ONE], points[k + TWO], points[k + THREE]
+        out[k] = ((m00 * x + m01 * y) + m02 * z) + m03 * w
+        out[k + ONE] = ((m10 * x + m11 * y) + m12 * z) + m13 * w
+        out[k + TWO] = ((m20 * x + m21 * y) + m22 * z) + m23 * w
+        out[k + THREE] = w
 
 
 @kernel
 def _transform(control_points, object_id, transforms, out):
-    for p in range(len(control_points)):
-        m = transforms[object_id[p]]
-        for i in range(4):
-            for j in range(4):
-                x, y, z, w = control_points[p, i, j]
-                for r in range(3):
-                    out[p, i, j, r] = ((m[r, 0] * x + m[r, 1] * y) + m[r, 2] * z) + m[r, 3] * w
-                out[p, i, j, 3] = w
+    begin, n = 0, len(object_id)
+    while begin < n:  # the patches of an object follow each other
+        end = begin + 1
+        while end < n and object_id[end] == object_id[begin]:
+            end += 1
+        _transform_points(16 * begin, 16 * end, transforms[object_id[begin]], control_points, out)
+        begin = end
 
 
 def transform_control_points(control_points: F32, object_id: I32, transforms: F32) -> F32:
@@ -25,8 +47,17 @@ def transform_control_points(control_points: F32, object_id: I32, transforms: F3
     An exact identity leaves every control point's bits as they are (but for the sign of zero).
     """
     out = np.empty_like(control_points)
-    _transform(control_points, object_id, transforms, out)
+    _transform(control_points.reshape(-1), object_id, transforms, out.reshape(-1))
     return out
+
+
+@kernel
+def _find_rational(points, rational):
+    for p in range(len(rational)):
+        found = False
+        for k in range(16):
+            found |= points[p, 4 * k + 3] != 1
+        rational[p] = found
 
 
 @kernel
@@ -46,8 +77,9 @@ def transform_vertices(vertices: F32, transform: F32) -> F32:
 
 def make_patches(control_points: F32, texcoords: F32, map_id: I32, object_id: I32) -> Patches:
     """Bezier patches from world-space control points; marks the rational ones."""
-    rational = (control_points[..., 3] != 1).any(axis=(1, 2)).astype(np.uint8)
-    none = np.full(len(control_points), -1, np.int32)
+    n = len(control_points)
+    rational, none = np.empty(n, np.uint8), np.full(n, -1, np.int32)
+    _find_rational(control_points.reshape(n, 64), rational)
     return Patches(
         control_points=control_points,
         rational=rational,
@@ -64,7 +96,7 @@ def make_patches(control_points: F32, texcoords: F32, map_id: I32, object_id: I3
         corner_row=np.empty((0, 4), np.int32),
         edge_normals=np.empty((0, 6, 3), np.float32),
         corner_normals=np.empty((0, 3), np.float32),
-        normal_slack=np.zeros(len(control_points), np.float32),
+        normal_slack=np.zeros(n, np.float32),
         seam_id=none.copy(),
         seam_edges=np.empty((0, 4, 2, 2), np.float32),
         seam_corners=np.empty((0, 4, 2), np.float32),

@@ -1,6 +1,8 @@
 """How much memory a frame may take: asked before anything is allocated."""
 
+import math
 import os
+import time
 from pathlib import Path
 
 from tiler.config import Machine
@@ -9,9 +11,26 @@ from tiler.host import CHUNKS_PER_THREAD
 from tiler.scene.model import Picture
 from tiler.tile import NUM_TILE_COUNTS
 
+FRESH_SECONDS = 0.5  # for which an answer holds: to ask the system takes as long as to set up 10,000 triangles
+
+_answer = (-math.inf, 0)  # when it was given, and what it was
+
 
 def available_bytes() -> int:
-    """Memory that this process can still get: the machine's, or its control group's where that is less."""
+    """Memory that this process can still get: the machine's, or its control group's where that is less.
+
+    As it was at most FRESH_SECONDS ago.
+    """
+    global _answer
+    now, (then, known) = time.monotonic(), _answer
+    if now - then < FRESH_SECONDS:
+        return known
+    found = _ask_system()
+    _answer = (now, found)
+    return found
+
+
+def _ask_system() -> int:
     free = []
     try:
         for line in Path("/proc/meminfo").read_text().splitlines():

@@ -18,7 +18,7 @@ from pipeline.types import F32, F64, I64, U8, DomainPoints, Triangles, Window
 from tiler.front_end import allocate_window
 from tiler.rasterizer import IN_LOOP, depth_limits, fill_covered, fill_small, rasterize
 from tiler.shading import shade_tile
-from tiler.tile import TILE_GRID, TileCount, clear_rect, draw_grid, forget_rect, resolve_rect
+from tiler.tile import TILE_GRID, TileCount, clear_rect, count_seen_in, draw_grid, forget_rect, resolve_rect
 
 POINTS = 1 << 15  # domain points shaded together: they and their triangles stay in the second-level cache
 TRIANGLES = 2 * POINTS
@@ -271,15 +271,16 @@ def _count_queues(patch, limits, pairs, region, grid, queued, counts, most):
 def draw_region(
     live, patches, patterns, maps, matrix, viewport, guard, bounds, margin, face_cull, rect, region, grid, pattern,
     depth_range, background, shading, light, first_batch, last_batch, points, window, triangles, first_spare, cuts, outcomes,
-    num_used, order, target, counts, most, space,
+    num_used, order, target, counts, most, seen, space,
 ):  # fmt: skip
     """Draw the patches `live`, int32[n], in submit order, in pixels region = (x0, y0, x1, y1), inclusive; how it `Ended`.
 
     rect : int32[n, 4], the pixels that hold each, ends exclusive. points, window, triangles : room for what is shaded
     together; first_spare int64[n+1], cuts int64[n]: scratch. outcomes : int64[n, NUM_OUTCOMES], 0 at first, and num_used :
     int64[n], as `primitives.assemble` counts them. order : of no rows. counts : int64[tiles, NUM_TILE_COUNTS] and most :
-    int64[tiles, 3], as in `tile.process_tiles` and `queue_lists.rank_owners`, changed for the region's tiles alone. The
-    others as in `primitives.assemble` and `process_tiles`; all are modified in place.
+    int64[tiles, 3], as in `tile.process_tiles` and `queue_lists.rank_owners`, changed for the region's tiles alone. seen :
+    int64[1], after the last batch the samples of the region that hold a triangle. The others as in `primitives.assemble` and
+    `process_tiles`; all are modified in place.
     """
     if first_batch:
         clear_rect(region, background, target)
@@ -309,12 +310,13 @@ def draw_region(
             drawn = (
                 min(drawn[0], limits[0]), min(drawn[1], limits[1]), max(drawn[2], limits[2] - 1), max(drawn[3], limits[3] - 1),
             )  # fmt: skip
-        seen = (max(drawn[0], region[0]), max(drawn[1], region[1]), min(drawn[2], region[2]), min(drawn[3], region[3]))
-        if seen[0] <= seen[2] and seen[1] <= seen[3]:
-            shade_tile(seen, triangles, window, points.normal, shading, light, target, space.pixels)
-            forget_rect(seen, target)
+        part = (max(drawn[0], region[0]), max(drawn[1], region[1]), min(drawn[2], region[2]), min(drawn[3], region[3]))
+        if part[0] <= part[2] and part[1] <= part[3]:
+            shade_tile(part, triangles, window, points.normal, shading, light, target, space.pixels)
+            forget_rect(part, target)
         begin = end
     if last_batch:
+        seen[0] = count_seen_in(region, target)
         if target.depth.shape[2] > 1:
             resolve_rect(region, target)
         if shading == TILE_GRID:

@@ -42,6 +42,7 @@ class Drawn(NamedTuple):
     num_used: I64  # (live,) vertices of set-up triangles
     counts: I64  # (tiles, NUM_TILE_COUNTS)
     most: I64  # (tiles, 3) as `queue_lists.rank_owners` finds them
+    seen: I64  # (1,) samples of the picture that hold a triangle
 
 
 def draws_in_regions(machine: Machine) -> bool:
@@ -103,6 +104,7 @@ def draw_frame_in_regions(
         np.zeros(len(live), np.int64),
         counts,
         np.zeros((grid.num_tiles, 3), np.int64),
+        np.zeros(1, np.int64),
     )
     drawn.most[:, 2] = -1
     sizes = np.diff(patterns.first_point)
@@ -175,7 +177,7 @@ def _draw_batch(
         int(np.diff(patterns.first_triangle).max(initial=0)),
         grid.num_tiles,
     )
-    ended = np.zeros(len(regions), np.int64)
+    ended, seen = np.zeros(len(regions), np.int64), np.zeros(len(regions), np.int64)
     nowhere = (rect[:, 0] >= rect[:, 2]) | (rect[:, 1] >= rect[:, 3])
 
     def work(r: int) -> None:
@@ -190,11 +192,13 @@ def _draw_batch(
             rect[mine], region, grid, pattern, depth_range, background, shading, light, first, last,
             room.points._replace(first=np.zeros(n + 1, np.int64)), room.window,
             room.triangles._replace(first=np.zeros(n + 1, np.int64), used=np.zeros(n, np.int32)), np.empty(n + 1, np.int64),
-            np.empty(n, np.int64), outcomes, num_used, NO_ORDER, target, drawn.counts, drawn.most, room.space,
+            np.empty(n, np.int64), outcomes, num_used, NO_ORDER, target, drawn.counts, drawn.most,
+            seen[r : r + 1], room.space,
         )  # fmt: skip
         if ended[r] == int(Ended.DRAWN):
             _rooms.append((sizes, room))
         drawn.outcomes[mine], drawn.num_used[mine] = outcomes, num_used  # the same from each region that has the patch
 
     host.run(work, len(regions))
+    drawn.seen[0] = seen.sum()
     return bool((ended == int(Ended.DRAWN)).all())

@@ -75,6 +75,7 @@ class Tally:
         self.queued: U8 = np.zeros(0, np.uint8)  # patches queued anywhere
         self.tiles: I64 = np.zeros((grid.num_tiles, NUM_TILE_COUNTS), np.int64)
         self.outcomes: I64 = np.zeros(NUM_OUTCOMES, np.int64)  # of the front end: each patch once
+        self.seen: int | None = None  # samples that hold a triangle, where they are counted as they are drawn
         self.values = {
             "ia_vertices": scene.num_vertices,
             "ia_primitives": scene.num_patches,
@@ -145,6 +146,7 @@ class Tally:
         """What a `triangle` machine did with patches `live`, which were drawn in regions and counted in `tiles`."""
         entries = int(drawn.counts[:, TileCount.QUEUE_ENTRIES].sum())
         self._count_triangles(units, live, drawn.outcomes, drawn.num_used, entries)
+        self.seen = int(drawn.seen[0])
 
     def _count_triangles(self, units: Units, live: I32, outcomes: I64, num_used: I64, entries: int) -> None:
         """outcomes : int64[live, NUM_OUTCOMES]. num_used : int64[live], vertices of set-up triangles. entries : queued."""
@@ -194,7 +196,7 @@ class Tally:
             values[f"bin_{binning}_tile_pairs"] = entries if self.machine.binning == binning else 0
         values["queue_longest"] = int(self.tiles[:, TileCount.QUEUE_ENTRIES].max())
         values["om_samples_failed"] = values["rs_samples_covered"] - values["om_samples_passed"]
-        values["om_samples_visible"] = int(count_seen(target.depth.ravel()))
+        values["om_samples_visible"] = int(count_seen(target.depth.ravel())) if self.seen is None else self.seen
         return Counters(values)
 
     def queues(self, memory: QueueReport) -> Queues:

@@ -145,12 +145,27 @@ def clear_rect(rect, background, target):
             _set(order, begin, end, np.int64(-1))
 
 
-@kernel
-def count_seen(depth):
-    """How many samples of depth, float32, flat, hold a triangle."""
+@inlined
+def _count_near(depth):
     far, seen = np.float32(1.0), 0
     for k in range(len(depth)):
         seen += depth[k] < far
+    return seen
+
+
+@kernel
+def count_seen(depth):
+    """How many samples of depth, float32, flat, hold a triangle."""
+    return _count_near(depth)
+
+
+@helper
+def count_seen_in(rect, target):
+    """How many samples of pixels rect = (x0, y0, x1, y1), inclusive, hold a triangle."""
+    width, samples = target.depth.shape[1:]
+    depth, seen = target.depth.ravel(), 0
+    for y in range(rect[1], rect[3] + 1):
+        seen += _count_near(depth[(y * width + rect[0]) * samples : (y * width + rect[2] + 1) * samples])
     return seen
 
 
