@@ -11,6 +11,7 @@ import numpy as np
 
 from pipeline.jit import helper, inlined
 from pipeline.types import I64, FaceCull
+from pipeline.vector_width import prefer_wide
 
 CULL_FRONT, CULL_BACK = int(FaceCull.FRONT), int(FaceCull.BACK)
 BACK_FACE = 8  # bit of Triangles.edges beside the three edge bits
@@ -93,22 +94,25 @@ def _decide(n, half, origin, rows, bounds, margin, face_cull):
     drop_back, drop_front = lane(face_cull == CULL_BACK), lane(face_cull == CULL_FRONT)
     first_x, first_y = lane(origin[0] + 127 - margin), lane(origin[1] + 127 - margin)
     last_x, last_y = lane(origin[0] - 128 + margin), lane(origin[1] - 128 + margin)
-    one = lane(1)
-    zero_area, culled, no_sample, offscreen = lane(0), lane(0), lane(0), lane(0)
+    one, nil = (
+        lane(1),
+        lane(0),
+    )  # of truth values, numbers of this width: else the loop would work in twice as wide ones
+    zero_area, culled, no_sample, offscreen = nil, nil, nil, nil
     for i in range(n):
         xa, ya = _x(pa[i], half, lane), _y(pa[i], half, lane)
         xb, yb = _x(pb[i], half, lane), _y(pb[i], half, lane)
         xc, yc = _x(pc[i], half, lane), _y(pc[i], half, lane)
         area = lane(lane(xb - xa) * lane(yc - ya)) - lane(lane(yb - ya) * lane(xc - xa))
         area = lane(area)
-        zero, back = lane(area == 0), lane(area < 0)
+        zero, back = one if area == nil else nil, one if area < nil else nil
         wrong = lane(((back & drop_back) | ((one - back) & drop_front)) & (one - zero))
         x0, y0 = lane(lane(min(xa, xb, xc) + first_x) >> 8), lane(lane(min(ya, yb, yc) + first_y) >> 8)
         x1, y1 = lane(lane(max(xa, xb, xc) + last_x) >> 8), lane(lane(max(ya, yb, yc) + last_y) >> 8)
         faces = lane((one - zero) & (one - wrong))
-        empty = lane(x0 > x1) | lane(y0 > y1)
+        empty = (one if x0 > x1 else nil) | (one if y0 > y1 else nil)
         x0, y0, x1, y1 = max(x0, left), max(y0, top), min(x1, right), min(y1, bottom)
-        out = lane(x0 > x1) | lane(y0 > y1)
+        out = (one if x0 > x1 else nil) | (one if y0 > y1 else nil)
         out_x0[i], out_y0[i], out_x1[i], out_y1[i] = x0, y0, x1, y1
         turned[i] = back
         alive[i] = faces & (one - (empty | out))
@@ -239,6 +243,25 @@ def _cover(n, half, origin, rows):
 
 
 @inlined
+def _write(n, patch, before, margin, rows, box, cover, edges, patches, source):
+    """What vectors can write of n triangles. before : numbers of the pattern's triangles before this run."""
+    for k in range(n):
+        box[k, 0], box[k, 1], box[k, 2], box[k, 3] = rows[X0 + k], rows[Y0 + k], rows[X1 + k], rows[Y1 + k]
+    if margin == 0:
+        for k in range(n):
+            cover[k] = rows[COVER + k]
+    else:
+        for k in range(n):
+            cover[k] = UNKNOWN
+    for k in range(n):
+        edges[k] = 7 + BACK_FACE * rows[TURNED + k]
+    for k in range(n):
+        patches[k] = patch
+    for k in range(n):
+        source[k] = before + rows[LIST + k]
+
+
+@inlined
 def _set_up_runs(
     half, origin, corner, rows, patch, first, last, base, indices, bounds, margin, face_cull, vertex, box, cover, edges,
     patches, source, t, used,
@@ -267,11 +290,7 @@ def _set_up_runs(
             used[a], used[b], used[c] = 1, 1, 1
             back = rows[TURNED + k] != 0
             vertex[at, 0], vertex[at, 1], vertex[at, 2] = a, c if back else b, b if back else c
-            box[at, 0], box[at, 1], box[at, 2], box[at, 3] = rows[X0 + k], rows[Y0 + k], rows[X1 + k], rows[Y1 + k]
-            cover[at] = rows[COVER + k] if margin == 0 else UNKNOWN
-            edges[at] = 7 | BACK_FACE if back else 7
-            patches[at] = patch
-            source[at] = s - first
+        _write(found, patch, begin - first, margin, rows, box[t:], cover[t:], edges[t:], patches[t:], source[t:])
         t += found
     return t, zero_area, culled, no_sample, offscreen
 
@@ -287,6 +306,7 @@ def set_up_inside(
     the others have no area, face the wrong way, hold no sample, and lie off the screen. used : uint8[V], set to 1 for the
     vertices of what goes on. lanes : scratch; `vertex` .. `source`, as in `types.Triangles`, are modified in place.
     """
+    prefer_wide()
     x, y = xs[base : base + num_points], ys[base : base + num_points]
     (x0, x1), (y0, y1) = _extent(x), _extent(y)
     if max(np.int64(x1) - x0, np.int64(y1) - y0) < NARROW:  # then twice a triangle's area has 31 bits

@@ -21,9 +21,10 @@ from pipeline.bounds.gregory import most_inner_weight, reach_of_inner, widest_in
 from pipeline.bounds.lanes import LANES, aligned
 from pipeline.bounds.project import Boxes, allocate_boxes, project_boxes, unprojected
 from pipeline.bounds.restrict import project_net, restrict_patch
-from pipeline.bounds.transpose import fill_tail, prefer_wide
+from pipeline.bounds.transpose import fill_tail
 from pipeline.jit import helper, inlined, kernel
 from pipeline.types import F64, HullInput, PatchBounds
+from pipeline.vector_width import prefer_wide
 
 U = 2.0**-24
 UNDERFLOW = 2.0**-140  # above the rounding of denormal results

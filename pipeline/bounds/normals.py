@@ -34,9 +34,9 @@ from pipeline.bounds.fit import AXES, COSINE, DOMAIN, SINE, SIZE, TURNED, fit_bl
 from pipeline.bounds.lanes import LANES, columns, most4, restrict_rows, scratch, store_rows
 from pipeline.bounds.obb_frame import cross
 from pipeline.bounds.shared_normals import widen_normals
-from pipeline.bounds.transpose import prefer_wide
 from pipeline.jit import helper, inlined, kernel
 from pipeline.types import F64, HullInput
+from pipeline.vector_width import prefer_wide
 
 TPATCH, TPATCH_TIGHT, NPATCH = 0, 1, 2
 SHORT, STEEP = 2.0**-18, 2.0**-20  # of the largest coordinate

@@ -24,10 +24,11 @@ from pipeline.bounds.project import Boxes, allocate_boxes, project_boxes, unproj
 from pipeline.bounds.shared_normals import find_slacks, widen_column
 from pipeline.bounds.single import FINE, FIRST, MIDDLE, REACH, UNIT, ZERO, fit_single
 from pipeline.bounds.single_normals import CONE, X_MOST, Y_MOST, Z_LEAST, bound_single
-from pipeline.bounds.transpose import load_block, prefer_wide, store_block
+from pipeline.bounds.transpose import load_block, store_block
 from pipeline.bounds.vector import grow_by_vectors
 from pipeline.jit import helper, inlined, kernel
 from pipeline.types import F64, I64, HullInput, PatchBounds
+from pipeline.vector_width import prefer_wide
 
 U = 2.0**-24
 

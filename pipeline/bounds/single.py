@@ -35,8 +35,8 @@ import numpy as np
 from pipeline.bounds.cbox import error_factor
 from pipeline.bounds.fit import AXES, SIZE
 from pipeline.bounds.lanes import LANES, least4, most4
-from pipeline.bounds.transpose import prefer_wide
 from pipeline.jit import inlined
+from pipeline.vector_width import prefer_wide
 
 U = 2.0**-24
 # As Python: a helper that is compiled while a module is imported is compiled by every process.

@@ -37,8 +37,8 @@ from pipeline.bounds.fit import KEPT
 from pipeline.bounds.lanes import LANES
 from pipeline.bounds.normals import multiply_nets
 from pipeline.bounds.single import FINE, LARGEST, ONE, TURNED, ZERO
-from pipeline.bounds.transpose import prefer_wide
 from pipeline.jit import inlined
+from pipeline.vector_width import prefer_wide
 
 VECTOR_T, VECTOR_B = np.float32(47.0 * U), np.float32(62.0 * U)
 TANGENTS = np.float32(TANGENT * U)

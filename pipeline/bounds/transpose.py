@@ -19,28 +19,6 @@ from pipeline.types import F32, F64
 intrinsic: Any = extending.intrinsic
 
 
-@intrinsic
-def _prefer_wide(typingctx):
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        set.add(builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite lists no attributes with values
-        return context.get_dummy_value()
-
-    return types.void(), generate
-
-
-def prefer_wide() -> None:
-    """In a kernel: loops use vectors of 512 bits where the machine has them, which LLVM by itself does on few.
-
-    Blocks are 16 lanes whatever the width, and the same bits come out. A fifth of the time of the kernels here; nothing of
-    the domain shader's, whose loops wait for other things.
-    """
-
-
-@extending.overload(prefer_wide, inline="always")
-def _prefer_wide_vectors():
-    return lambda: _prefer_wide()
-
-
 _QUADS = 4  # vectors of four lanes in a block's row
 
 

@@ -17,7 +17,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.bounds.transpose import prefer_wide
 from pipeline.culling import chords, displaced_screen
 from pipeline.culling.backface import BACK, FRONT, SILHOUETTE, cull_facing, eye_or_none, is_single_net, turn_mirrored
 from pipeline.culling.chords import bound_part, make_scratch, measure_differences, place_patch
@@ -45,6 +44,7 @@ from pipeline.culling.pattern_steps import NUM_STEPS, Step
 from pipeline.jit import helper, inlined, kernel
 from pipeline.slopes import build_slopes
 from pipeline.types import F64, I64, U8, HullInput, PatchBounds
+from pipeline.vector_width import prefer_wide
 from pipeline.wide import LANES, choose, greater, load, store
 
 LEVELS = 3
