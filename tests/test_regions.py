@@ -152,7 +152,7 @@ def test_regions_are_the_picture_cut_at_tiles(most, seed):
     corner = rng.integers(0, 400, (50, 2))
     rect = np.concatenate([corner, corner + rng.integers(0, 90, (50, 2))], axis=1)
     rect = np.minimum(rect, [grid.width, grid.height] * 2).astype(np.int32)
-    found = cut_regions(rect, rng.integers(1, 99, 50), grid, most)
+    found = cut_regions(rect, rng.uniform(1, 99, 50), grid, most, rng.uniform(0, 2))
     assert 1 <= len(found) <= most
     seen = np.zeros((grid.height, grid.width), np.int64)
     for x0, y0, x1, y1 in found:
@@ -168,13 +168,20 @@ def test_regions_have_like_weights():
     grid = make_grid(1024, 1024, 32)
     corner = np.random.default_rng(1).integers(0, 500, (1000, 2))
     rect = np.concatenate([corner, corner + 10], axis=1).astype(np.int32)
-    found = cut_regions(rect, np.ones(1000, np.int64), grid, 8)
+    found = cut_regions(rect, np.ones(1000), grid, 8)
     middle = (rect[:, :2] + rect[:, 2:]) // 2
     shares = [
         ((middle[:, 0] >= x0) & (middle[:, 0] <= x1) & (middle[:, 1] >= y0) & (middle[:, 1] <= y1)).mean()
         for x0, y0, x1, y1 in found
     ]
     assert len(found) == 8 and max(shares) < 0.2
+
+
+def test_tiles_without_patches_weigh_too():
+    """Of 64 tiles and 12 patches the left half has 13 columns of 2 tiles and all patches."""
+    grid = make_grid(1024, 64, 32)
+    rect = np.tile(np.array([[0, 0, 10, 10]], np.int32), (12, 1))
+    assert cut_regions(rect, np.ones(12), grid, 2, tile_weight=1.0) == [(0, 0, 415, 63), (416, 0, 1023, 63)]
 
 
 def test_patches_in_many_regions_are_bounded_more_tightly(monkeypatch):

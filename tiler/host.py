@@ -20,18 +20,33 @@ def available_threads() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
 
 
+# Threads that no host has, by their number: to start and end them for every frame would take a millisecond of each. Single
+# operations of a dict are whole for any thread.
+_idle: dict[int, ThreadPoolExecutor] = {}
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_idle.clear)  # a child has none of them
+
+
 class Host:
-    """A fixed number of threads for one simulation; a context manager."""
+    """A fixed number of threads for one simulation; a context manager.
+
+    Threads wait for the next host with as many, unless something went wrong: then they end with this one.
+    """
 
     def __init__(self, threads: int) -> None:
         self.threads = threads
-        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+        self._failed = False
+        self._pool = None
+        if threads > 1:
+            self._pool = _idle.pop(threads, None) or ThreadPoolExecutor(threads)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: Any) -> None:
-        if self._pool is not None:
+    def __exit__(self, kind: Any, *_: Any) -> None:
+        if self._pool is None:
+            return
+        if self._failed or kind is not None or _idle.setdefault(self.threads, self._pool) is not self._pool:
             self._pool.shutdown(cancel_futures=True)
 
     def chunks(self, items: int, least: int = 1) -> list[tuple[int, int]]:
@@ -52,6 +67,7 @@ class Host:
                 work(c)
 
         futures = []
+        failed_before, self._failed = self._failed, True  # until all is done
         try:
             for _ in range(min(self.threads, n)):
                 futures.append(self._pool.submit(worker))
@@ -61,3 +77,4 @@ class Host:
                 next(numbers)  # after an interrupt the workers find nothing left to do
         for future in futures:
             future.result()
+        self._failed = failed_before

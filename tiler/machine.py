@@ -162,9 +162,10 @@ def draw_frame(
     # Where nothing waits in a queue for what another tile does: patch by patch, all that follows at once.
     alone = shared.most_points == 0 and not keep_order and onlooker is None
     if alone and draws_in_regions(machine) and memory.order_decides_nothing:
+        tighter = None if machine.bounds == TIGHT else lambda: run(BOUNDS[TIGHT], stage).rect
         drawn = draw_frame_in_regions(
-            scene, live, bounds.rect, lambda: run(BOUNDS[TIGHT], stage).rect, patches, patterns, packed.maps, camera,
-            viewport, grid, easel.canvas.target, tally.tiles, host, progress,
+            scene, live, bounds.rect, tighter, patches, patterns, packed.maps, camera, viewport, grid, easel.canvas.target,
+            tally.tiles, host, progress,
         )  # fmt: skip
         if drawn is not None:
             tally.count_drawn(units, live, drawn)

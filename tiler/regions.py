@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline import pixel, primitives
 from pipeline.primitives import NUM_OUTCOMES
-from pipeline.types import B1, I32, I64, DisplacementMaps, FaceCull, Patches, Patterns, Viewport
+from pipeline.types import B1, F64, I32, I64, DisplacementMaps, FaceCull, Patches, Patterns, Viewport
 from tiler.back_end import NO_ORDER, unit_vector
 from tiler.config import Machine
 from tiler.front_end import split_batches
@@ -24,8 +24,12 @@ from tiler.scene.model import Scene
 from tiler.tile import Target
 
 BATCH_POINTS = 1 << 22  # domain points between two reports of progress
-REGIONS = 2  # for each thread, if there are several: so that unequal ones even out; more have more patches on borders
-PIXELS_OF_A_POINT = 2  # of a patch's rectangle, that cost about what one of its domain points does
+REGIONS = (
+    1  # for each thread, if there are several: more would even out, and have more patches on borders, shaded twice
+)
+# What a region takes, about, in domain points: a fit to scenes of ten kinds and sizes, where a point with its triangles and
+# fragments took 29 ns, a pixel of a patch's rectangle 0.7, and a pixel of the picture 5.
+RECT_PIXEL, PIXEL = 1 / 40, 0.18
 CROWDED = 1.2  # regions of a patch, on average, from which it pays to bound patches more tightly
 
 Rect = tuple[int, int, int, int]
@@ -52,10 +56,10 @@ def draws_in_regions(machine: Machine) -> bool:
     )
 
 
-def cut_regions(rect: I32, weight: I64, grid: Grid, most: int) -> list[Rect]:
+def cut_regions(rect: I32, weight: F64, grid: Grid, most: int, tile_weight: float = 0.0) -> list[Rect]:
     """Cut the picture into at most so many rectangles of whole tiles, of like weight; pixels x0, y0, x1, y1, inclusive.
 
-    rect : int32[n, 4], pixels of patches, ends exclusive. weight : int64[n], what each costs.
+    rect : int32[n, 4], pixels of patches, ends exclusive. weight : float64[n], what each takes; tile_weight : what a tile does.
     """
     side = 1 << grid.tile_log2
 
@@ -65,7 +69,8 @@ def cut_regions(rect: I32, weight: I64, grid: Grid, most: int) -> list[Rect]:
         if parts < 2 or (x1 - x0 if along_x else y1 - y0) < 2:
             return [tiles]
         lo, hi, middle = (x0, x1, x) if along_x else (y0, y1, y)
-        sums = np.cumsum(np.bincount(np.clip(middle - lo, 0, hi - lo - 1), w, hi - lo))
+        across = y1 - y0 if along_x else x1 - x0
+        sums = np.cumsum(np.bincount(np.clip(middle - lo, 0, hi - lo - 1), w, hi - lo) + across * tile_weight)
         at = lo + 1 + int(np.abs(sums[:-1] - sums[-1] / 2).argmin())
         near = middle < at
         first, second = ((x0, y0, at, y1), (at, y0, x1, y1)) if along_x else ((x0, y0, x1, at), (x0, at, x1, y1))
@@ -75,7 +80,7 @@ def cut_regions(rect: I32, weight: I64, grid: Grid, most: int) -> list[Rect]:
         ]
 
     centre = (rect[:, :2].astype(np.int64) + rect[:, 2:]) // (2 * side)
-    pieces = cut((0, 0, grid.tiles_x, grid.tiles_y), centre[:, 0], centre[:, 1], weight.astype(np.float64), most)
+    pieces = cut((0, 0, grid.tiles_x, grid.tiles_y), centre[:, 0], centre[:, 1], weight, most)
     return [
         (side * x0, side * y0, min(side * x1, grid.width) - 1, min(side * y1, grid.height) - 1)
         for x0, y0, x1, y1 in pieces
@@ -89,15 +94,15 @@ def _num_pixels(rect: I32) -> I64:
 
 
 def draw_frame_in_regions(
-    scene: Scene, live: I32, rect: I32, tighter: Callable[[], I32], patches: Patches, patterns: Patterns,
+    scene: Scene, live: I32, rect: I32, tighter: Callable[[], I32] | None, patches: Patches, patterns: Patterns,
     maps: DisplacementMaps, camera: Camera, viewport: Viewport, grid: Grid, target: Target, counts: I64, host: Host,
     progress: Callable[[float], None],
 ) -> Drawn | None:  # fmt: skip
     """Draw the live patches on `target`; None where that can't be done so, and all is to be drawn anew.
 
-    rect : int32[P, 4], the pixels that hold each patch, ends exclusive; tighter() : the same by a better bound, which is asked
-    for where many patches would be shaded in several regions. counts : int64[tiles, NUM_TILE_COUNTS], 0 at first,
-    becomes the result's; 0 again where there is none.
+    rect : int32[P, 4], pixels that hold each patch, ends exclusive; tighter() : the same by a better bound, if there is one. It
+    is asked for where many patches would be shaded in several regions. counts : int64[tiles, NUM_TILE_COUNTS], 0 at
+    first, becomes the result's; 0 again where there is none.
     """
     drawn = Drawn(
         np.zeros((len(live), NUM_OUTCOMES), np.int64),
@@ -113,7 +118,7 @@ def draw_frame_in_regions(
     for b, batch in enumerate(batches):
         first, last = b == 0, b == len(batches) - 1
         regions = _regions_of(batch, rect, sizes, patterns, grid, host)
-        if first and sum(int(_touching(rect[batch], region).sum()) for region in regions) > CROWDED * len(batch):
+        if first and tighter and _num_pairs(rect[batch], regions) > CROWDED * len(batch):
             rect = intersect(rect, tighter())
             regions = _regions_of(batch, rect, sizes, patterns, grid, host)
         part = Drawn(drawn.outcomes[done : done + len(batch)], drawn.num_used[done : done + len(batch)], *drawn[2:])
@@ -130,14 +135,20 @@ def draw_frame_in_regions(
 
 
 def _regions_of(batch: I32, rect: I32, sizes: I64, patterns: Patterns, grid: Grid, host: Host) -> list[Rect]:
-    weight = sizes[patterns.of_patch[batch]] + _num_pixels(rect[batch]) // PIXELS_OF_A_POINT
-    return cut_regions(rect[batch], weight, grid, 1 if host.threads == 1 else REGIONS * host.threads)
+    weight = sizes[patterns.of_patch[batch]] + RECT_PIXEL * _num_pixels(rect[batch])
+    most = 1 if host.threads == 1 else REGIONS * host.threads
+    return cut_regions(rect[batch], weight, grid, most, PIXEL * (1 << 2 * grid.tile_log2))
 
 
 def _touching(rect: I32, region: Rect) -> B1:
     """bool[n], which rectangles, none of them empty, reach into a region."""
     x0, y0, x1, y1 = region
     return (rect[:, 0] <= x1) & (rect[:, 2] > x0) & (rect[:, 1] <= y1) & (rect[:, 3] > y0)
+
+
+def _num_pairs(rect: I32, regions: list[Rect]) -> int:
+    """Pairs of regions and rectangles that reach into them."""
+    return sum(int(_touching(rect, region).sum()) for region in regions) if len(regions) > 1 else 0
 
 
 def intersect(a: I32, b: I32) -> I32:
