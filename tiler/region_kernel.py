@@ -150,12 +150,11 @@ def _set_up(
 
 @helper
 def _draw_patch(
-    first, last, region, grid, limits, triangles, window, pattern, depth_range, order, target, queued, counts
+    first, last, extent, region, grid, triangles, window, pattern, depth_range, order, target, queued, counts
 ):  # fmt: skip
     """Rasterize triangles first .. last-1, a patch's, in the region; what they do is counted in the tiles.
 
-    Returns the pairs of these triangles and tiles, in all regions; -1 where one reaches out of `limits`, the pixels x0, y0,
-    x1, y1 (ends exclusive) that hold the patch.
+    extent : the pixels x0, y0, x1, y1 of all boxes, inclusive. Returns the pairs of these triangles and tiles, in all regions.
     """
     sample_x, sample_y, margin = pattern
     left, top, right, bottom = region
@@ -166,23 +165,23 @@ def _draw_patch(
         target.depth.shape[1], target.depth.ravel(), target.visible.ravel(), target.order.ravel(),
     )  # fmt: skip
     one_sample = len(sample_x) == 1
+    reaches_out = extent[0] < left or extent[1] < top or extent[2] > right or extent[3] > bottom
     pairs = 0
     for number in range(first, last):
         t = np.uint32(number)  # an index that may be negative costs a test
         x0, y0, x1, y1 = np.int64(box[t, 0]), np.int64(box[t, 1]), np.int64(box[t, 2]), np.int64(box[t, 3])
-        if x0 < limits[0] or y0 < limits[1] or x1 >= limits[2] or y1 >= limits[3]:
-            return -1
-        pairs += ((x1 >> log2) - (x0 >> log2) + 1) * ((y1 >> log2) - (y0 >> log2) + 1)
         bits, left0, top0 = np.int64(cover[t]), x0, y0
         known = one_sample and bits != UNKNOWN
-        if x0 < left or y0 < top or x1 > right or y1 > bottom:
+        in_one = ((x0 ^ x1) | (y0 ^ y1)) >> log2 == 0
+        pairs += 1 if in_one else ((x1 >> log2) - (x0 >> log2) + 1) * ((y1 >> log2) - (y0 >> log2) + 1)
+        if reaches_out:
             x0, y0, x1, y1 = max(x0, left), max(y0, top), min(x1, right), min(y1, bottom)
             if x0 > x1 or y0 > y1:
                 continue
+            in_one = ((x0 ^ x1) | (y0 ^ y1)) >> log2 == 0
             if known:
                 bits &= box_bits(x0 - left0, y0 - top0, x1 - left0, y1 - top0)
         tile = np.uint32((y0 >> log2) * tiles_x + (x0 >> log2))
-        in_one = (x0 ^ x1) >> log2 == 0 and (y0 ^ y1) >> log2 == 0
         if bits == 0 and in_one:  # a queue entry, and no more
             queued[tile] += 1
             continue
@@ -231,15 +230,31 @@ def _draw_patch(
 
 
 @inlined
-def _limits(rect, k):
-    return np.int64(rect[k, 0]), np.int64(rect[k, 1]), np.int64(rect[k, 2]), np.int64(rect[k, 3])
+def _extent_of(first, last, box):
+    """Pixels x0, y0, x1, y1, inclusive, that hold the boxes of triangles first .. last-1; x0 > x1 if there are none."""
+    x0, y0, x1, y1 = np.int16(32767), np.int16(32767), np.int16(-1), np.int16(-1)
+    boxes = box[first:last]
+    for k in range(len(boxes)):
+        x0, y0, x1, y1 = min(x0, boxes[k, 0]), min(y0, boxes[k, 1]), max(x1, boxes[k, 2]), max(y1, boxes[k, 3])
+    return np.int64(x0), np.int64(y0), np.int64(x1), np.int64(y1)
 
 
 @inlined
-def _fetch_ahead(limits, region, target):
+def _holds(rect, k, extent):
+    """Whether rectangle k, ends exclusive, holds all of an extent."""
+    return extent[0] >= rect[k, 0] and extent[1] >= rect[k, 1] and extent[2] < rect[k, 2] and extent[3] < rect[k, 3]
+
+
+@inlined
+def _intersect(a, b):
+    return max(a[0], b[0]), max(a[1], b[1]), min(a[2], b[2]), min(a[3], b[3])
+
+
+@inlined
+def _fetch_ahead(extent, region, target):
     """Ask for the pixels of a small patch, which the processor cannot foresee, while the patch before it is drawn."""
-    x0, y0, x1, y1 = max(limits[0], region[0]), max(limits[1], region[1]), limits[2], limits[3]
-    x1, y1 = min(x1, region[2] + 1), min(y1, region[3] + 1)
+    x0, y0, x1, y1 = _intersect(extent, region)
+    x1, y1 = x1 + 1, y1 + 1
     if (x1 - x0) * (y1 - y0) > SMALL_RECT:
         return
     width, depth, visible = target.depth.shape[1], target.depth.ravel(), target.visible.ravel()
@@ -250,13 +265,12 @@ def _fetch_ahead(limits, region, target):
 
 
 @helper
-def _count_queues(patch, limits, pairs, region, grid, queued, counts, most):
+def _count_queues(patch, extent, pairs, region, grid, queued, counts, most):
     """Add a patch's entries in each tile of the region, and remember the patch that fills a tile's queue most."""
     log2 = grid.tile_log2
-    x0, y0 = max(limits[0], region[0]) >> log2, max(limits[1], region[1]) >> log2
-    x1, y1 = min(limits[2] - 1, region[2]) >> log2, min(limits[3] - 1, region[3]) >> log2
-    for ty in range(y0, y1 + 1):
-        for tx in range(x0, x1 + 1):
+    x0, y0, x1, y1 = _intersect(extent, region)
+    for ty in range(y0 >> log2, (y1 >> log2) + 1):
+        for tx in range(x0 >> log2, (x1 >> log2) + 1):
             tile = ty * grid.tiles_x + tx
             n = queued[tile]
             if n > 0:
@@ -294,26 +308,28 @@ def draw_region(
         if ended != _DRAWN:
             return ended
         drawn = (region[2] + 1, region[3] + 1, region[0] - 1, region[1] - 1)
+        extent = _extent_of(triangles.first[begin], triangles.first[begin + 1], triangles.box)
         for k in range(begin, end):
-            if triangles.used[k] == 0:
+            first, last, now = triangles.first[k], triangles.first[k + 1], extent
+            if k + 1 < end:
+                extent = _extent_of(last, triangles.first[k + 2], triangles.box)
+                if target.depth.shape[2] == 1:
+                    _fetch_ahead(extent, region, target)
+            if first == last:
                 continue
-            limits = _limits(rect, k)
-            if target.depth.shape[2] == 1 and k + 1 < end:
-                _fetch_ahead(_limits(rect, k + 1), region, target)
-            pairs = _draw_patch(
-                triangles.first[k], triangles.first[k + 1], region, grid, limits, triangles, window, pattern, depth_range,
-                order, target, space.queued, counts,
-            )  # fmt: skip
-            if pairs < 0:
+            if not _holds(rect, k, now):
                 return _ESCAPED
-            _count_queues(live[k], limits, pairs, region, grid, space.queued, counts, most)
-            drawn = (
-                min(drawn[0], limits[0]), min(drawn[1], limits[1]), max(drawn[2], limits[2] - 1), max(drawn[3], limits[3] - 1),
+            part = _intersect(now, region)
+            if part[0] > part[2] or part[1] > part[3]:
+                continue
+            pairs = _draw_patch(
+                first, last, now, region, grid, triangles, window, pattern, depth_range, order, target, space.queued, counts
             )  # fmt: skip
-        part = (max(drawn[0], region[0]), max(drawn[1], region[1]), min(drawn[2], region[2]), min(drawn[3], region[3]))
-        if part[0] <= part[2] and part[1] <= part[3]:
-            shade_tile(part, triangles, window, points.normal, shading, light, target, space.pixels)
-            forget_rect(part, target)
+            _count_queues(live[k], now, pairs, region, grid, space.queued, counts, most)
+            drawn = (min(drawn[0], part[0]), min(drawn[1], part[1]), max(drawn[2], part[2]), max(drawn[3], part[3]))
+        if drawn[0] <= drawn[2]:
+            shade_tile(drawn, triangles, window, points.normal, shading, light, target, space.pixels)
+            forget_rect(drawn, target)
         begin = end
     if last_batch:
         seen[0] = count_seen_in(region, target)
