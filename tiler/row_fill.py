@@ -100,7 +100,7 @@ def test_row(
     steps: tuple[float, float, float], biases: tuple[float, float, float],
     plane: tuple[float, float, float, Any, Any], t: int,
 ) -> int:  # fmt: skip
-    """Test triangle t at `count` pixels in a row, LANES at most, and write its depth and number where it is nearer.
+    """Test triangle t at the first LANES of `count` pixels in a row, and write its depth and number where it is nearer.
 
     depth, visible : flat; the pixels' entries begin at `place`. values : of the three edge functions at the first pixel,
     without bias; steps : what they lose from one pixel to the next; biases : least values that are inside. plane : as in
@@ -108,7 +108,7 @@ def test_row(
     """
     covered, passed = 0, 0
     base, along_1, along_2, low, high = plane
-    for k in range(count):
+    for k in range(min(count, LANES)):
         e0, e1, e2 = (value - k * step for value, step in zip(values, steps, strict=True))
         if e0 >= biases[0] and e1 >= biases[1] and e2 >= biases[2]:
             covered |= 1 << k
