@@ -14,8 +14,17 @@ MOST_BYTES = 1 << 28  # that are kept idle
 LEAST_BYTES = 1 << 16  # less is the memory allocator's own business
 ALIGNMENT = 64  # a line of the cache
 
+
+class _Memory(np.ndarray):
+    """Bytes of NumPy's, which asks for huge pages where there are megabytes.
+
+    A type of its own, and `_Owner` another: an array made in another's memory has as its base not that one but the last in a
+    row of one type.
+    """
+
+
 # Pieces by their size. Single operations of dicts and lists are whole for any thread.
-_idle: dict[int, list[bytearray]] = {}
+_idle: dict[int, list[_Memory]] = {}
 
 
 class _Owner(np.ndarray):
@@ -23,19 +32,19 @@ class _Owner(np.ndarray):
 
     def __del__(self) -> None:
         memory = self.base
-        if not isinstance(memory, bytearray) or len(memory) > MOST_BYTES:
+        if not isinstance(memory, _Memory) or len(memory) > MOST_BYTES:
             return
         if sum(size * len(pieces) for size, pieces in list(_idle.items())) + len(memory) > MOST_BYTES:
             _idle.clear()  # of sizes that may not come again
         _idle.setdefault(len(memory), []).append(memory)
 
 
-def _take(size: int) -> bytearray:
+def _take(size: int) -> _Memory:
     """Idle memory of that size, or new."""
     try:
         return _idle[size].pop()
     except LookupError:
-        return bytearray(size)
+        return np.empty(size, np.uint8).view(_Memory)
 
 
 def _rounded(size: int) -> int:
