@@ -94,10 +94,7 @@ def _decide(n, half, origin, rows, bounds, margin, face_cull):
     drop_back, drop_front = lane(face_cull == CULL_BACK), lane(face_cull == CULL_FRONT)
     first_x, first_y = lane(origin[0] + 127 - margin), lane(origin[1] + 127 - margin)
     last_x, last_y = lane(origin[0] - 128 + margin), lane(origin[1] - 128 + margin)
-    one, nil = (
-        lane(1),
-        lane(0),
-    )  # of truth values, numbers of this width: else the loop would work in twice as wide ones
+    one, nil = lane(1), lane(0)  # truth values are numbers of this width: else the loop would work in wider ones
     zero_area, culled, no_sample, offscreen = nil, nil, nil, nil
     for i in range(n):
         xa, ya = _x(pa[i], half, lane), _y(pa[i], half, lane)

@@ -68,10 +68,16 @@ def test_machines_whose_kernel_is_another_do_not_start_it(fresh, scene):
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("available_threads", lambda: 1), ("_missing", lambda kernel: kernel is tile.process_tiles)]
+    ("name", "value"),
+    [
+        ("available_threads", lambda: 1),
+        ("_missing", lambda kernel: kernel is tile.process_tiles),
+        ("sys.executable", ""),
+        ("sys.frozen", True),
+    ],
 )
-def test_it_does_not_start_without_need(fresh, monkeypatch, name, value):
-    monkeypatch.setattr(compile_ahead, name, value)
+def test_it_does_not_start_without_need_or_a_python(fresh, monkeypatch, name, value):
+    monkeypatch.setattr(f"tiler.compile_ahead.{name}", value, raising=False)
     compile_ahead.begin()
     compile_ahead.wait()
     assert fresh() == 0

@@ -43,14 +43,19 @@ def _missing(kernel: Any) -> bool:
     return not kernel.overloads and not any(folder.glob(f"*.{kernel.py_func.__name__}-*.nbi"))
 
 
+def _can_start() -> bool:
+    """Whether something is compiled at all, and a Python is known that can run this module: in a bundled program none is."""
+    config: Any = numba.config
+    return bool(sys.executable) and not getattr(sys, "frozen", False) and not config.DISABLE_JIT
+
+
 def begin() -> None:
     """Start the other process if it has something to do, and a processor to do it on. Does nothing the second time."""
     with _lock:
         if _looked:
             return
         _looked.append(True)
-        config: Any = numba.config
-        if config.DISABLE_JIT or available_threads() < 2 or not all(map(_missing, KERNELS)):
+        if not _can_start() or available_threads() < 2 or not all(map(_missing, KERNELS)):
             return
         environment = os.environ | {"TILER_CACHE_DIR": str(cache_root()), "TILER_QUIET": "1"}
         nothing = subprocess.DEVNULL

@@ -24,9 +24,7 @@ from tiler.scene.model import Scene
 from tiler.tile import Target
 
 BATCH_POINTS = 1 << 22  # domain points between two reports of progress
-REGIONS = (
-    1  # for each thread, if there are several: more would even out, and have more patches on borders, shaded twice
-)
+REGIONS = 1  # for each of several threads: more would even out, and have more patches on borders, shaded twice
 # What a region takes, about, in domain points: a fit to scenes of ten kinds and sizes, where a point with its triangles and
 # fragments took 29 ns, a pixel of a patch's rectangle 0.7, and a pixel of the picture 5.
 RECT_PIXEL, PIXEL = 1 / 40, 0.18
