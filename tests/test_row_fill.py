@@ -12,8 +12,8 @@ test_row.__test__ = False  # a name that pytest takes for a test's
 
 
 @kernel
-def _test(depth, visible, place, count, values, steps, biases, plane, t):
-    return test_row(depth, visible, place, count, values, steps, biases, plane, t)
+def _test(depth, visible, place, count, values, steps, biases, plane, t, looks_first):
+    return test_row(depth, visible, place, count, values, steps, biases, plane, t, looks_first)
 
 
 @kernel
@@ -32,7 +32,7 @@ def test_a_row_at_once_is_its_pixels_one_by_one(seed):
         biases = tuple(float(v) for v in rng.integers(0, 2, 3))
         low, high = np.float32(0.2), np.float32(0.9)
         plane = (float(rng.uniform(0, 1)), *(float(v) for v in rng.uniform(-2e-4, 2e-4, 2)), low, high)
-        arguments = (place, count, values, steps, biases, plane, 77)
+        arguments = (place, count, values, steps, biases, plane, 77, bool(rng.integers(2)))
         expected = depth.copy(), visible.copy()
         bits = _test.py_func(*expected, *arguments)
         assert _test(depth, visible, *arguments) == bits
@@ -45,29 +45,20 @@ def test_a_row_at_the_end_of_the_picture_touches_nothing_behind_it():
     depth, visible = np.ones(64, np.float32), np.full(64, -1, np.int32)
     plane = (0.5, 0.0, 0.0, np.float32(0), np.float32(1))
     inside = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    assert _test(depth[:61], visible[:61], 58, 3, *inside, plane, 5) == 0b111 << LANES | 0b111
+    assert _test(depth[:61], visible[:61], 58, 3, *inside, plane, 5, False) == 0b111 << LANES | 0b111
     assert (visible != -1).nonzero()[0].tolist() == [58, 59, 60] and (depth[61:] == 1).all()
 
 
 def test_of_equal_depths_a_zero_keeps_its_sign():
     """As Python's min and max, and Numba's: of equal ones the first."""
+    inside, limits = ((1.0,) * 3, (0.0,) * 3, (0.0,) * 3), (np.float32(0.0), np.float32(1))
     for base in (0.0, -0.0):
-        depths = []
+        signs = []
         for run in (_test, _test.py_func):
             depth, visible = np.ones(8, np.float32), np.full(8, -1, np.int32)
-            run(
-                depth,
-                visible,
-                0,
-                1,
-                (1.0,) * 3,
-                (0.0,) * 3,
-                (0.0,) * 3,
-                (base, -0.0, -0.0, np.float32(0.0), np.float32(1)),
-                1,
-            )
-            depths.append(np.signbit(depth[0]))
-        assert depths[0] == depths[1]
+            run(depth, visible, 0, 1, *inside, (base, -0.0, -0.0, *limits), 1, False)
+            signs.append(np.signbit(depth[0]))
+        assert signs[0] == signs[1]
 
 
 def test_bits_are_counted():

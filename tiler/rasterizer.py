@@ -87,10 +87,11 @@ def _depth(plane, e1, e2):
 
 
 @inlined
-def _fill_rows(t, x0, y0, x1, y1, values, down, right, biases, plane, width, depth, visible):
-    """`fill_small` where triangles come in submit order: row by row, LANES pixels at a time.
+def _fill_rows(t, x0, y0, x1, y1, values, down, right, biases, plane, width, depth, visible, looks_first):
+    """Test the centre of pixels x0..x1, y0..y1 where triangles come in submit order: row by row, LANES pixels at a time.
 
-    values : of the edge functions at the first pixel, without bias. down, right : dx and dy of the edges.
+    values : of the edge functions at the first pixel, without bias. down, right : dx and dy of the edges. looks_first : as in
+    `test_row`; it pays in large triangles, whose rows are hidden or covered whole more often.
     """
     e0, e1, e2 = np.float64(values[0]), np.float64(values[1]), np.float64(values[2])
     down0, down1, down2 = np.float64(down[0] << 8), np.float64(down[1] << 8), np.float64(down[2] << 8)
@@ -104,7 +105,7 @@ def _fill_rows(t, x0, y0, x1, y1, values, down, right, biases, plane, width, dep
             k = np.float64(column - x0)
             now = e0 - k * steps[0], e1 - k * steps[1], e2 - k * steps[2]
             bits = test_row(
-                depth, visible, row * width + column, x1 + 1 - column, now, steps, least, plane, t
+                depth, visible, row * width + column, x1 + 1 - column, now, steps, least, plane, t, looks_first
             )  # fmt: skip
             covered += count_bits(bits & ((1 << LANES) - 1))
             won = bits >> LANES
@@ -139,7 +140,7 @@ def fill_small(
     if not ties:
         return _fill_rows(
             t, x0, y0, x1, y1, (e0 - b0, e1 - b1, e2 - b2), (dx0, dx1, dx2), (dy0, dy1, dy2), (b0, b1, b2), plane, width,
-            depth, visible,
+            depth, visible, False,
         )  # fmt: skip
     covered, passed, quads, quads_of_rows = 0, 0, 0, 0
     for row in range(y0, y1 + 1):
@@ -223,8 +224,22 @@ def fill_covered(
 
 
 @helper
-def _fill(x0, y0, x1, y1, t, edges, plane, depth, visible, ties, order, stored):
-    """Test the centre of pixels x0..x1, y0..y1.
+def _fill_block(x0, y0, x1, y1, t, edges, plane, depth, visible):
+    """As `_fill`, where triangles come in submit order."""
+    (dx0, dy0, c0, b0), (dx1, dy1, c1, b1), (dx2, dy2, c2, b2) = edges
+    e0 = c0 + ((dx0 * y0 - dy0 * x0) << 8)
+    e1 = c1 + ((dx1 * y0 - dy1 * x0) << 8)
+    e2 = c2 + ((dx2 * y0 - dy2 * x0) << 8)
+    covered, passed, quads = _fill_rows(
+        t, x0, y0, x1, y1, (e0, e1, e2), (dx0, dx1, dx2), (dy0, dy1, dy2), (b0, b1, b2), plane, depth.shape[1], depth.ravel(),
+        visible.ravel(), True,
+    )  # fmt: skip
+    return covered, passed, passed, quads
+
+
+@helper
+def _fill(x0, y0, x1, y1, t, edges, plane, depth, visible, order, stored):
+    """Test the centre of pixels x0..x1, y0..y1, where triangles may come out of submit order.
 
     Returns samples covered, samples passed, pixels with a sample passed, 2x2 blocks of pixels with such a pixel.
     edges : for each edge (dx, dy, value at the centre of pixel (0, 0) without bias, bias).
@@ -243,15 +258,14 @@ def _fill(x0, y0, x1, y1, t, edges, plane, depth, visible, ties, order, stored):
                 entered = True
                 covered += 1
                 d = depth[y, x, 0]
-                if plane[3] < d or ties:
-                    z = _depth(plane, e1 - b1, e2 - b2)
-                    if z < d or (ties and z == d and comes_before(t, visible[y, x, 0], order, stored[y, x, 0])):
-                        depth[y, x, 0] = z
-                        visible[y, x, 0] = t
-                        passed += 1
-                        quad = 1 << ((x >> 1) - (x0 >> 1))
-                        quads += (quads_of_rows & quad) == 0
-                        quads_of_rows |= quad
+                z = _depth(plane, e1 - b1, e2 - b2)
+                if z < d or (z == d and comes_before(t, visible[y, x, 0], order, stored[y, x, 0])):
+                    depth[y, x, 0] = z
+                    visible[y, x, 0] = t
+                    passed += 1
+                    quad = 1 << ((x >> 1) - (x0 >> 1))
+                    quads += (quads_of_rows & quad) == 0
+                    quads_of_rows |= quad
             elif entered:
                 break  # a triangle is convex: the row is done
             e0 -= step0
@@ -351,8 +365,10 @@ def rasterize(
         for px0 in range(x0 if small else x0 & -SMALL, x1 + 1, SMALL):
             bx0, by0, bx1, by1 = max(x0, px0), max(y0, py0), min(x1, px0 + SMALL - 1), min(y1, py0 + SMALL - 1)
             if small or reaches_all(edges, bx0, by0, bx1, by1, margin):
-                if len(sample_x) == 1:
-                    n, m, p, q = _fill(bx0, by0, bx1, by1, t, edges, plane, depth, visible, ties, order, stored)
+                if len(sample_x) == 1 and not ties:
+                    n, m, p, q = _fill_block(bx0, by0, bx1, by1, t, edges, plane, depth, visible)
+                elif len(sample_x) == 1:
+                    n, m, p, q = _fill(bx0, by0, bx1, by1, t, edges, plane, depth, visible, order, stored)
                 else:
                     n, m, p, q = _fill_samples(
                         bx0, by0, bx1, by1, t, edges, plane, sample_x, sample_y, depth, visible, ties, order, stored

@@ -46,11 +46,11 @@ def _pick(builder: Any, sign: str, a: Any, b: Any) -> Any:
 
 
 @intrinsic
-def _test_row(typingctx, depth, visible, place, count, values, steps, biases, plane, t):
+def _test_row(typingctx, depth, visible, place, count, values, steps, biases, plane, t, looks_first):
     """The same as `test_row`, for the compiler."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        depth_, visible_, place_, count_, values_, steps_, biases_, plane_, t_ = arguments
+        depth_, visible_, place_, count_, values_, steps_, biases_, plane_, t_, looks_first_ = arguments
         numbers = ir.Constant(_vector(_DOUBLE), [float(k) for k in range(LANES)])
         counts = ir.Constant(_vector(_LONG), list(range(LANES)))
 
@@ -61,6 +61,11 @@ def _test_row(typingctx, depth, visible, place, count, values, steps, biases, pl
         def part(of: Any, k: int) -> Any:
             return _spread(builder, builder.extract_value(of, k))
 
+        def masked(name: str, result: Any, *parameters: Any) -> Any:
+            """LLVM's masked operation of that name."""
+            kind = ir.FunctionType(result, list(parameters))
+            return cgutils.get_or_insert_function(builder.module, kind, f"llvm.masked.{name}.p0")
+
         inside = builder.icmp_signed("<", counts, _spread(builder, count_))
         edges = []
         for k in range(3):
@@ -68,43 +73,46 @@ def _test_row(typingctx, depth, visible, place, count, values, steps, biases, pl
             edges.append(value)
             inside = builder.and_(inside, builder.fcmp_ordered(">=", value, part(biases_, k)))
         base, along_1, along_2, low, high = (part(plane_, k) for k in range(5))
-        z = builder.fadd(base, builder.fadd(builder.fmul(edges[1], along_1), builder.fmul(edges[2], along_2)))
-        z = builder.fptrunc(z, _vector(_SINGLE))
-        z = _pick(builder, "<", high, _pick(builder, ">", low, z))  # as Numba has them: of equal ones the first
-
-        def masked(name: str, element: Any, *parameters: Any, result: Any = None) -> Any:
-            full = f"llvm.masked.{name}.v{LANES}{element}.p0"
-            return cgutils.get_or_insert_function(
-                builder.module, ir.FunctionType(result or ir.VoidType(), list(parameters)), full
-            )
-
         depths, ids = at(signature.args[0], depth_, _SINGLE), at(signature.args[1], visible_, _WORD)
-        load = masked("load", "f32", depths.type, _WORD, _MASK, _vector(_SINGLE), result=_vector(_SINGLE))
-        nothing = ir.Constant(_vector(_SINGLE), [0.0] * LANES)
-        before = builder.call(load, [depths, _WORD(4), inside, nothing])
-        passed = builder.and_(inside, builder.fcmp_ordered("<", z, before))
-        for name, element, values, target in (("f32", _SINGLE, z, depths), ("i32", _WORD, _spread(builder, t_), ids)):
-            store = masked("store", name, _vector(element), target.type, _WORD, _MASK)
-            builder.call(store, [values, target, _WORD(4), passed])
-        covered = _number_of(builder, inside)
-        return builder.or_(covered, builder.shl(_number_of(builder, passed), _LONG(LANES)))
+        load = masked(f"load.v{LANES}f32", _vector(_SINGLE), depths.type, _WORD, _MASK, _vector(_SINGLE))
+        before = builder.call(load, [depths, _WORD(4), inside, ir.Constant(_vector(_SINGLE), [0.0] * LANES)])
+        # No depth of the triangle is nearer than `low`. Where nobody looks first, this is a constant, and no branch is left.
+        may_pass = _number_of(builder, builder.and_(inside, builder.fcmp_ordered("<", low, before)))
+        goes_on = builder.or_(builder.not_(looks_first_), builder.icmp_unsigned("!=", may_pass, _LONG(0)))
+        outside = builder.block
+        with builder.if_then(goes_on):
+            z = builder.fadd(base, builder.fadd(builder.fmul(edges[1], along_1), builder.fmul(edges[2], along_2)))
+            z = builder.fptrunc(z, _vector(_SINGLE))
+            z = _pick(builder, "<", high, _pick(builder, ">", low, z))  # as Numba has them: of equal ones the first
+            won = builder.and_(inside, builder.fcmp_ordered("<", z, before))
+            for name, values, target in (("f32", z, depths), ("i32", _spread(builder, t_), ids)):
+                store = masked(f"store.v{LANES}{name}", ir.VoidType(), values.type, target.type, _WORD, _MASK)
+                builder.call(store, [values, target, _WORD(4), won])
+            bits, tested = _number_of(builder, won), builder.block
+        passed = builder.phi(_LONG)
+        passed.add_incoming(_LONG(0), outside)
+        passed.add_incoming(bits, tested)
+        return builder.or_(_number_of(builder, inside), builder.shl(passed, _LONG(LANES)))
 
     triple = types.UniTuple(types.float64, 3)
     singles = types.Tuple([types.float64] * 3 + [types.float32] * 2)
-    signature = types.int64(depth, visible, types.int64, types.int64, triple, triple, triple, singles, types.int32)
+    signature = types.int64(
+        depth, visible, types.int64, types.int64, triple, triple, triple, singles, types.int32, types.boolean
+    )
     return signature, generate
 
 
 def test_row(
     depth: F32, visible: I32, place: int, count: int, values: tuple[float, float, float],
     steps: tuple[float, float, float], biases: tuple[float, float, float],
-    plane: tuple[float, float, float, Any, Any], t: int,
+    plane: tuple[float, float, float, Any, Any], t: int, looks_first: bool,
 ) -> int:  # fmt: skip
     """Test triangle t at the first LANES of `count` pixels in a row, and write its depth and number where it is nearer.
 
     depth, visible : flat; the pixels' entries begin at `place`. values : of the three edge functions at the first pixel,
     without bias; steps : what they lose from one pixel to the next; biases : least values that are inside. plane : as in
-    `rasterizer._depth`. Returns which pixels are covered, bit by bit, plus which passed, times 2^LANES.
+    `rasterizer._depth`. looks_first : whether it is asked first if a pixel may pass at all; the answer does not depend on it.
+    Returns which pixels are covered, bit by bit, plus which passed, times 2^LANES.
     """
     covered, passed = 0, 0
     base, along_1, along_2, low, high = plane
@@ -120,9 +128,9 @@ def test_row(
 
 
 @extending.overload(test_row)
-def _test_row_at_once(depth, visible, place, count, values, steps, biases, plane, t):
-    def test(depth, visible, place, count, values, steps, biases, plane, t):
-        return _test_row(depth, visible, place, count, values, steps, biases, plane, np.int32(t))
+def _test_row_at_once(depth, visible, place, count, values, steps, biases, plane, t, looks_first):
+    def test(depth, visible, place, count, values, steps, biases, plane, t, looks_first):
+        return _test_row(depth, visible, place, count, values, steps, biases, plane, np.int32(t), looks_first)
 
     return test
 
