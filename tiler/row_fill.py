@@ -1,6 +1,6 @@
-"""Depth test of a few pixels in a row at once, for triangles without blocks of their own: a vector of LANES pixels.
+"""Depth test of a few pixels in a row at once, of small triangles and of blocks of large ones: a vector of LANES pixels.
 
-Pixel by pixel, what a small triangle covers is decided by branches that no processor foresees: at both ends of each row, and
+Pixel by pixel, what a triangle covers is decided by branches that no processor foresees: at both ends of each row, and
 at the end of the rows. Here a row is one vector, and what it does not cover is masked out of loads and stores. Written as
 operations on vectors, as LLVM makes no masked stores of a loop whose length is not known.
 
