@@ -1,5 +1,7 @@
 """The process that compiles the back end's kernels while the first frame compiles the front end's."""
 
+import os
+import subprocess
 import sys
 import time
 from types import SimpleNamespace
@@ -97,3 +99,21 @@ def test_one_that_cannot_start_or_fails_or_is_stuck_is_done_without(fresh, scene
     begin = time.monotonic()
     compile_ahead.wait()
     assert time.monotonic() - begin < 30 and other.poll() is not None and not compile_ahead._other
+
+
+def test_it_ends_when_nobody_waits_for_it_any_more(tmp_path):
+    """Its input ends with the process that started it, however that ended; compiling on takes it some twenty seconds."""
+    environment = os.environ | {"TILER_CACHE_DIR": str(tmp_path)}
+    process = subprocess.Popen(compile_ahead.COMMAND, stdin=subprocess.PIPE, env=environment)
+    try:
+        until = time.monotonic() + 60
+        while not any(tmp_path.rglob("*.nb?")) and time.monotonic() < until:
+            assert process.poll() is None
+            time.sleep(0.05)
+        process.stdin.close()
+        begin = time.monotonic()
+        assert process.wait(30) == 0 and time.monotonic() - begin < 5
+        assert not any(tmp_path.rglob("tile.process_tiles-*.nbi")), "it did not finish its work"
+    finally:
+        process.kill()
+        process.wait()

@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -384,11 +385,13 @@ def test_without_its_libraries_the_extra_is_named(monkeypatch, scene):
         Explorer(scene)
 
 
-@pytest.mark.parametrize("when", ["idle", "drawing"])
-def test_ctrl_c_ends_it_at_once(when):
+@pytest.mark.parametrize("when", ["idle", "drawing", "compiling"])
+def test_ctrl_c_ends_it_at_once(when, tmp_path):
+    # An empty folder for the kernels: the first view compiles. In the folder of all tests another one may or may not have.
+    environment = os.environ | ({"TILER_CACHE_DIR": str(tmp_path)} if when == "compiling" else {})
     process = subprocess.Popen(
         [sys.executable, "-m", "tiler", "explore", "teapot", "--size", "64x48", "--no-browser"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
     )  # fmt: skip
     try:
         address = process.stdout.readline().split(": ", 1)[1].strip()
@@ -402,20 +405,23 @@ def test_ctrl_c_ends_it_at_once(when):
                 break
             except ConnectionError:
                 time.sleep(0.05)
-        if when == "drawing":
+        if when != "idle":
             connection.close()
             connection = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
             large = {"page": "a", "scene": {"factor": 64, "samples": 4}, "machine": {"tile": 8, "verify": True}}
             headers = {"Content-Type": "application/json", "X-Tiler-Token": token}
             connection.request("POST", "/view", json.dumps(large), headers)
-            time.sleep(0.3)
+            time.sleep(0.3 if when == "drawing" else 2.0)
         begin = time.monotonic()
         process.send_signal(2)
         out, err = process.communicate(timeout=20)
         took = time.monotonic() - begin
     finally:
         process.kill()
-    assert process.returncode == 0 and err.strip() == "ended" and "Traceback" not in out
+    said = err.splitlines()
+    assert process.returncode == 0 and said.pop() == "ended" and "Traceback" not in out
+    announced = ["compiling kernels, first run only ..."]
+    assert said == announced if when == "compiling" else said in ([], announced)
     assert took < 2.0, "the first signal is enough"
     with socket.socket() as again:
         assert again.connect_ex(("127.0.0.1", port)) != 0, "nobody listens any more"

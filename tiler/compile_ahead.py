@@ -4,10 +4,10 @@ Numba compiles on one thread. On a computer with several processors a second pro
 not in the disk cache yet, calls them for a unit without triangles and so leaves them there. Whoever needs them waits for
 it (`wait`), and compiles them himself if it failed: it changes nothing but the time of a first run.
 
-Run as `python -m tiler.compile_ahead`, this module is that other process.
+Run as `python -m tiler.compile_ahead`, this module is that other process. It ends when its input ends, at once and
+whatever it is at: one whose parent was interrupted or killed does not go on.
 """
 
-import atexit
 import os
 import subprocess
 import sys
@@ -58,13 +58,12 @@ def begin() -> None:
         if not _can_start() or available_threads() < 2 or not all(map(_missing, KERNELS)):
             return
         environment = os.environ | {"TILER_CACHE_DIR": str(cache_root()), "TILER_QUIET": "1"}
-        nothing = subprocess.DEVNULL
+        pipe, nothing = subprocess.PIPE, subprocess.DEVNULL
         try:
-            other = subprocess.Popen(COMMAND, cwd=ROOT, env=environment, stdin=nothing, stdout=nothing, stderr=nothing)
+            other = subprocess.Popen(COMMAND, cwd=ROOT, env=environment, stdin=pipe, stdout=nothing, stderr=nothing)
         except OSError:
             return
         _other.append(other)
-        atexit.register(other.kill)  # nobody waits for it any more
 
 
 def wait() -> None:
@@ -78,7 +77,8 @@ def wait() -> None:
         with _lock:
             if other in _other:
                 _other.remove(other)
-                atexit.unregister(other.kill)
+                if other.stdin is not None:
+                    other.stdin.close()
 
 
 def compile_back_end() -> None:
@@ -102,5 +102,11 @@ def compile_back_end() -> None:
         )  # fmt: skip
 
 
+def _end_with_input() -> None:
+    sys.stdin.read()
+    os._exit(0)
+
+
 if __name__ == "__main__":
+    threading.Thread(target=_end_with_input, daemon=True).start()
     compile_back_end()
