@@ -15,7 +15,7 @@ import pytest
 
 import tiler
 from tests.scenes import flat_patch, looking_along_y, patch_scene
-from tiler import back_end, memory
+from tiler import back_end, memory, placement
 from tiler import host as host_module
 from tiler.config import Machine
 from tiler.errors import TilerError
@@ -420,7 +420,7 @@ class Stop(Exception):
 def count_threads() -> int:
     """How many threads there are, once those that wait for another host have ended: a test's own can come from nowhere else."""
     while host_module._idle:
-        host_module._idle.popitem()[1].shutdown()
+        host_module._idle.popitem()[1].executor.shutdown()
     return threading.active_count()
 
 
@@ -502,13 +502,13 @@ def test_interrupt_while_the_workers_are_being_started(monkeypatch):
         done.append(c)
 
     with pytest.raises(KeyboardInterrupt), Host(2) as host:
-        submit = host._pool.submit
+        submit = host._pool.executor.submit
 
         def submit_and_stop(worker):
             submit(worker)
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(host._pool, "submit", submit_and_stop)
+        monkeypatch.setattr(host._pool.executor, "submit", submit_and_stop)
         host.run(work, 500)
     assert len(done) < 100, "the worker went on after the interrupt"
 
@@ -525,24 +525,105 @@ def test_each_chunk_runs_once_on_any_number_of_threads():
                 assert [i for begin, end in chunks for i in range(begin, end)] == list(range(items))
 
 
+def threads_of(host: Host, n: int) -> set[int]:
+    """The threads that work on n chunks which wait for each other; by the numbers that the system gives them."""
+    numbers, all_here = [], threading.Barrier(n)
+
+    def work(c: int) -> None:
+        all_here.wait(10)
+        numbers.append(threading.get_native_id())
+
+    host.run(work, n)
+    assert len(numbers) == n
+    return set(numbers)
+
+
+def test_the_thread_that_calls_is_one_of_them():
+    mine = threading.get_native_id()
+    for threads in (2, 3):
+        with Host(threads) as host:
+            found = threads_of(host, threads)
+            assert len(found) == threads and mine in found
+
+
 def test_threads_wait_for_the_next_host_with_as_many():
-    def threads_of(host):
-        names = []
-        both = threading.Barrier(2)
-
-        def work(c):
-            both.wait(10)
-            names.append(threading.current_thread().name)
-
-        host.run(work, 2)
-        return set(names)
-
+    mine = {threading.get_native_id()}
     with Host(2) as host:
-        first = threads_of(host)
+        first = threads_of(host, 2)
     with Host(2) as host, Host(2) as other:
-        assert threads_of(host) == first and not threads_of(other) & first
+        assert threads_of(host, 2) == first and threads_of(other, 2) & first == mine
     with Host(3), Host(2) as host:
-        assert threads_of(host) <= {thread.name for thread in threading.enumerate()}
+        assert threads_of(host, 2) - mine <= {thread.native_id for thread in threading.enumerate()}
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_work_beside(threads):
+    """It is done on another thread if there is one; what it returns or raises comes where it is waited for."""
+    with Host(threads) as host:
+        done = [host.beside(lambda k=k: (k, threading.get_native_id())) for k in range(5)]
+        found = [wait() for wait in done]
+        assert [k for k, _ in found] == list(range(5))
+        assert all((thread == threading.get_native_id()) == (threads == 1) for _, thread in found)
+
+        def fail():
+            raise Stop
+
+        with pytest.raises(Stop):
+            host.beside(fail)()
+        slow = host.beside(lambda: time.sleep(20 * host_module.AWAKE) or "slept")
+        assert slow() == slow() == "slept"
+
+
+def test_chunks_do_not_wait_for_work_beside():
+    """The only other thread is busy; the one that calls does all of them and waits for nobody."""
+    go_on = threading.Event()
+    with Host(2) as host:
+        wait = host.beside(lambda: go_on.wait(10))
+        done = []
+        host.run(done.append, 9)
+        assert sorted(done) == list(range(9)) and not go_on.is_set()
+        go_on.set()
+        assert wait()
+
+
+def test_work_beside_ends_before_the_host_does():
+    begun, done = threading.Event(), []
+    with pytest.raises(Stop), Host(2) as host:
+        host.beside(lambda: (begun.set(), time.sleep(0.05), done.append(True)))
+        assert begun.wait(10)
+        raise Stop
+    assert done == [True]
+
+
+@pytest.mark.skipif(placement.here() < 0, reason="the system does not tell where a thread runs")
+def test_threads_keep_off_the_processor_of_the_one_that_calls(monkeypatch):
+    mine = os.sched_getaffinity(0)
+    if len(mine) < 2:
+        pytest.skip("there is one processor only")
+    count_threads()
+    with Host(2) as host:
+        (number,) = threads_of(host, 2) - {threading.get_native_id()}
+        for cpu in sorted(mine)[:2]:
+            monkeypatch.setattr(host_module, "here", lambda cpu=cpu: cpu)
+            host.run(lambda c: None, 2)
+            assert os.sched_getaffinity(number) == mine - {cpu}
+    assert os.sched_getaffinity(0) == mine, "where the caller may run is the caller's business"
+
+
+def test_placement_does_nothing_where_it_cannot(monkeypatch):
+    mine = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
+    placement.keep_off(-1, [threading.get_native_id()])
+    placement.keep_off(1 << 20, [(1 << 30) - 1])  # no such thread
+    if mine is not None:
+        assert os.sched_getaffinity(0) == mine
+        monkeypatch.setattr(os, "sched_getaffinity", lambda thread: {3})
+        monkeypatch.setattr(os, "sched_setaffinity", lambda *arguments: pytest.fail("there is no other processor"))
+        placement.keep_off(3, [threading.get_native_id()])
+    monkeypatch.delattr(os, "sched_setaffinity", raising=False)
+    assert placement._find_here() is None
+    placement.keep_off(0, [1])
+    monkeypatch.setattr(placement, "_here", None)
+    assert placement.here() == -1
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes cannot be forked")

@@ -22,7 +22,7 @@ from tiler.onlooker import Onlooker
 from tiler.order import number_triangles
 from tiler.phases import UnitTests, first_phase, second_phase
 from tiler.queue_memory import QueueMemory, describe_items, make_queue_memory
-from tiler.regions import draw_frame_in_regions, draws_in_regions
+from tiler.regions import clear, draw_frame_in_regions, draws_in_regions
 from tiler.scene.camera import camera_at
 from tiler.scene.model import Scene
 from tiler.shared import ALONE, Stages
@@ -134,6 +134,11 @@ def draw_frame(
     grid, ordered = tally.grid, machine.reordered or keep_order
     easel = Easel(scene, grid, ordered, machine.coarse_z_block if machine.occlusion else 0, host, shared)
 
+    # Where nothing waits in a queue for what another tile does, all is drawn patch by patch, on a picture that is clear.
+    alone = shared.most_points == 0 and not keep_order and onlooker is None
+    in_regions = alone and draws_in_regions(machine) and memory.order_decides_nothing
+    clearing = host.beside(lambda: clear(easel.canvas.target, picture.background)) if in_regions else None
+
     # Per patch: vertex shader, hull shader, tessellator.
     patches = run(front_end.run_vertex_shader, scene, number)
     factors = run(front_end.tess_factors, scene.tessellation, patches, camera, viewport)
@@ -159,9 +164,9 @@ def draw_frame(
     if machine.queue_order == "front_to_back":
         live = shared.same(front_to_back(live, units.bounds))
 
-    # Where nothing waits in a queue for what another tile does: patch by patch, all that follows at once.
-    alone = shared.most_points == 0 and not keep_order and onlooker is None
-    if alone and draws_in_regions(machine) and memory.order_decides_nothing:
+    # Patch by patch, all that follows at once.
+    if clearing:
+        clearing()
         tighter = None if machine.bounds == TIGHT else lambda: run(BOUNDS[TIGHT], stage).rect
         drawn = draw_frame_in_regions(
             scene, live, bounds.rect, tighter, patches, patterns, packed.maps, camera, viewport, grid, easel.canvas.target,

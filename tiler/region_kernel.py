@@ -14,14 +14,16 @@ from pipeline import domain, pixel, primitives
 from pipeline.inside import UNKNOWN, Lanes, box_bits, make_lanes
 from pipeline.jit import helper, inlined, kernel
 from pipeline.prefetch import prefetch
-from pipeline.types import F32, F64, I64, U8, DomainPoints, Triangles, Window
+from pipeline.primitives import NUM_OUTCOMES
+from pipeline.types import F32, F64, I32, I64, U8, DomainPoints, Triangles, Window
 from tiler.front_end import allocate_window
 from tiler.rasterizer import IN_LOOP, depth_limits, fill_covered, fill_small, rasterize
 from tiler.shading import shade_tile
-from tiler.tile import TILE_GRID, TileCount, clear_rect, count_seen_in, draw_grid, forget_rect, resolve_rect
+from tiler.tile import TILE_GRID, TileCount, count_seen_in, draw_grid, forget_rect, resolve_rect
 
 POINTS = 1 << 15  # domain points shaded together: they and their triangles stay in the second-level cache
 TRIANGLES = 2 * POINTS
+_NOT_BOUND = -(1 << 31)
 LINE = 16  # pixels of 4 bytes in a line of the cache
 SMALL_RECT = 1 << 12  # pixels of a patch that are worth asking for
 ADDED = 1 << 15  # vertices, and triangles, that the clipper may add to them
@@ -49,9 +51,22 @@ _ENTRIES, _TRIANGLES, _COVERED, _PASSED, _PS, _HELPERS = (
 )
 
 
+class Picked(NamedTuple):
+    """A region's patches; what is told of each, in places of its own, as others draw some of them, too."""
+
+    place: I64  # (patches,) of each in the batch
+    live: I32  # (patches,)
+    rect: I32  # (patches, 4)
+    outcomes: I64  # (patches, NUM_OUTCOMES)
+    num_used: I64  # (patches,)
+
+
 class Space(NamedTuple):
     """Scratch of one thread."""
 
+    first_spare: I64  # (patches + 1,)
+    cuts: I64  # (patches,)
+    extents: I64  # (patches, 4)
     used: U8  # (vertices,)
     queued: I64  # (tiles,) entries of the patch at hand; 0 between patches
     shader: F32
@@ -62,25 +77,34 @@ class Space(NamedTuple):
 
 
 class Room(NamedTuple):
-    """What one thread needs for a group of patches. `first` and `used`, which are of a region's patches, are missing."""
+    """What one thread needs for the patches of a region, and for the points and triangles of a group of them."""
 
+    picked: Picked
     points: DomainPoints
     window: Window
     triangles: Triangles
     space: Space
 
 
-def make_room(most_points: int, most_triangles: int, num_tiles: int) -> Room:
-    """Room for patterns of at most so many points and triangles: for a group, and for what the clipper adds to it."""
+def make_room(patches: int, most_points: int, most_triangles: int, num_tiles: int) -> Room:
+    """Room for so many patches, of patterns of at most so many points and triangles, and for what the clipper adds to them."""
     points, lanes = max(POINTS, most_points), make_lanes(most_points)
     vertices, triangles = points + ADDED, max(TRIANGLES, most_triangles) + ADDED
-    nothing = np.empty(0, np.int64)
     return Room(
-        DomainPoints(nothing, np.empty((4, points), np.float32), np.empty((3, vertices), np.float32)),
+        Picked(
+            np.empty(patches, np.int64),
+            np.empty(patches, np.int32),
+            np.empty((patches, 4), np.int32),
+            np.empty((patches, NUM_OUTCOMES), np.int64),
+            np.empty(patches, np.int64),
+        ),
+        DomainPoints(
+            np.empty(patches + 1, np.int64), np.empty((4, points), np.float32), np.empty((3, vertices), np.float32)
+        ),
         allocate_window(vertices),
         Triangles(
-            first=nothing,
-            used=np.empty(0, np.int32),
+            first=np.empty(patches + 1, np.int64),
+            used=np.empty(patches, np.int32),
             vertex=np.empty((triangles, 3), np.int32),
             box=np.empty((triangles, 4), np.int16),
             cover=np.empty(triangles, np.uint16),
@@ -89,6 +113,9 @@ def make_room(most_points: int, most_triangles: int, num_tiles: int) -> Room:
             source=np.empty(triangles, np.int32),
         ),
         Space(
+            np.empty(patches + 1, np.int64),
+            np.empty(patches, np.int64),
+            np.empty((patches, 4), np.int64),
             np.empty(vertices, np.uint8),
             np.zeros(num_tiles, np.int64),
             np.empty(domain.SCRATCH, np.float32),
@@ -98,6 +125,40 @@ def make_room(most_points: int, most_triangles: int, num_tiles: int) -> Room:
             np.empty(pixel.SCRATCH, np.float32),
         ),
     )
+
+
+@inlined
+def _touches(rect, k, region):
+    """Whether rectangle k, ends exclusive, has pixels of the region, inclusive; one without pixels has none."""
+    x0, y0 = max(rect[k, 0], region[0]), max(rect[k, 1], region[1])
+    x1, y1 = min(rect[k, 2], region[2] + 1), min(rect[k, 3], region[3] + 1)
+    return x0 < x1 and y0 < y1
+
+
+@helper
+def _pick(live, rect, region, takes_hidden, picked):
+    """The patches that touch the region, and those without pixels if it takes them; how many."""
+    n = 0
+    for k in range(len(live)):
+        hidden = rect[k, 0] >= rect[k, 2] or rect[k, 1] >= rect[k, 3]
+        if takes_hidden if hidden else _touches(rect, k, region):
+            picked.place[n], picked.live[n], picked.num_used[n] = k, live[k], 0
+            for c in range(4):
+                picked.rect[n, c] = rect[k, c]
+            for c in range(NUM_OUTCOMES):
+                picked.outcomes[n, c] = 0
+            n += 1
+    return n
+
+
+@helper
+def _tell(n, picked, outcomes, num_used):
+    """What the n patches did, into the places of the batch: the same from each region that has a patch."""
+    for i in range(n):
+        k = picked.place[i]
+        num_used[k] = picked.num_used[i]
+        for c in range(NUM_OUTCOMES):
+            outcomes[k, c] = picked.outcomes[i, c]
 
 
 @helper
@@ -114,17 +175,18 @@ def _end_of_group(begin, end, live, patterns):
 
 @helper
 def _set_up(
-    begin, end, live, patches, patterns, maps, matrix, viewport, guard, bounds, margin, face_cull, points, window, triangles,
-    first_spare, cuts, outcomes, num_used, space,
+    begin, end, picked, patches, patterns, maps, matrix, viewport, guard, bounds, margin, face_cull, points, window, triangles,
+    space,
 ):  # fmt: skip
     """Domain shader and primitives of patches begin .. end-1, their triangles one after the other; how it ended."""
+    live, first_spare, cuts = picked.live, space.first_spare, space.cuts
     points.first[begin] = 0
     for k in range(begin, end):
         pattern = patterns.of_patch[live[k]]
         points.first[k + 1] = points.first[k] + patterns.first_point[pattern + 1] - patterns.first_point[pattern]
     total = points.first[end]
     domain.shade_patches(begin, end, live, patches, patterns, maps, matrix, points, space.shader)
-    primitives.project_points(0, total, points.clip, viewport, guard, window)
+    primitives.project_points(points.first[begin], total, points.clip, viewport, guard, window)
     primitives.count_cuts(begin, end, live, patterns, points.first, window.code, cuts)
     spare = total
     for k in range(begin, end):
@@ -141,7 +203,7 @@ def _set_up(
         triangles.first[k] = t
         primitives.assemble(
             k, k + 1, live, patterns, points, first_spare, viewport, guard, bounds, margin, face_cull, window, triangles,
-            outcomes, space.used, num_used, space.clipper, lanes,
+            picked.outcomes, space.used, picked.num_used, space.clipper, lanes,
         )  # fmt: skip
         t += triangles.used[k]
     triangles.first[end] = t
@@ -251,6 +313,33 @@ def _intersect(a, b):
 
 
 @inlined
+def _pixels(rects, k):
+    """Row k: x0, y0, x1, y1."""
+    return rects[k, 0], rects[k, 1], rects[k, 2], rects[k, 3]
+
+
+@inlined
+def _bound_group(begin, end, rect, region, triangles, extents):
+    """The pixels of the region, inclusive, that hold the triangles of patches begin .. end-1; those of each in `extents`.
+
+    x0 > x1 if there are none; x0 is _NOT_BOUND if a patch reaches out of its rectangle.
+    """
+    x0, y0, x1, y1 = region[2] + 1, region[3] + 1, region[0] - 1, region[1] - 1
+    for k in range(begin, end):
+        extent = _extent_of(triangles.first[k], triangles.first[k + 1], triangles.box)
+        extents[k, 0], extents[k, 1], extents[k, 2], extents[k, 3] = extent
+        if extent[0] > extent[2]:
+            continue
+        if not _holds(rect, k, extent):
+            x0 = _NOT_BOUND
+            break
+        part = _intersect(extent, region)
+        if part[0] <= part[2] and part[1] <= part[3]:
+            x0, y0, x1, y1 = min(x0, part[0]), min(y0, part[1]), max(x1, part[2]), max(y1, part[3])
+    return x0, y0, x1, y1
+
+
+@inlined
 def _fetch_ahead(extent, region, target):
     """Ask for the pixels of a small patch, which the processor cannot foresee, while the patch before it is drawn."""
     x0, y0, x1, y1 = _intersect(extent, region)
@@ -265,10 +354,10 @@ def _fetch_ahead(extent, region, target):
 
 
 @helper
-def _count_queues(patch, extent, pairs, region, grid, queued, counts, most):
-    """Add a patch's entries in each tile of the region, and remember the patch that fills a tile's queue most."""
+def _count_queues(patch, part, pairs, grid, queued, counts, most):
+    """Add a patch's entries in each tile of pixels `part`, and remember the patch that fills a tile's queue most."""
     log2 = grid.tile_log2
-    x0, y0, x1, y1 = _intersect(extent, region)
+    x0, y0, x1, y1 = part
     for ty in range(y0 >> log2, (y1 >> log2) + 1):
         for tx in range(x0 >> log2, (x1 >> log2) + 1):
             tile = ty * grid.tiles_x + tx
@@ -281,58 +370,65 @@ def _count_queues(patch, extent, pairs, region, grid, queued, counts, most):
                     most[tile, 0], most[tile, 1], most[tile, 2] = n, pairs, patch
 
 
+@helper
+def _count_seen(region, grid, counts, target):
+    """How many samples of the region hold a triangle; in tiles where none was covered there is nothing to look for."""
+    log2, seen = grid.tile_log2, 0
+    for ty in range(region[1] >> log2, (region[3] >> log2) + 1):
+        for tx in range(region[0] >> log2, (region[2] >> log2) + 1):
+            if counts[ty * grid.tiles_x + tx, _COVERED] > 0:
+                x0, y0 = tx << log2, ty << log2
+                x1, y1 = min(x0 + (1 << log2) - 1, region[2]), min(y0 + (1 << log2) - 1, region[3])
+                seen += count_seen_in((x0, y0, x1, y1), target)
+    return seen
+
+
 @kernel
 def draw_region(
-    live, patches, patterns, maps, matrix, viewport, guard, bounds, margin, face_cull, rect, region, grid, pattern,
-    depth_range, background, shading, light, first_batch, last_batch, points, window, triangles, first_spare, cuts, outcomes,
-    num_used, order, target, counts, most, seen, space,
+    live, rect, region, takes_hidden, patches, patterns, maps, matrix, viewport, guard, bounds, margin, face_cull, grid,
+    pattern, depth_range, shading, light, last_batch, order, room, target, outcomes, num_used, counts, most, seen,
 ):  # fmt: skip
-    """Draw the patches `live`, int32[n], in submit order, in pixels region = (x0, y0, x1, y1), inclusive; how it `Ended`.
+    """Draw those of the patches `live`, int32[n], that touch pixels region = (x0, y0, x1, y1), inclusive; how it `Ended`.
 
-    rect : int32[n, 4], the pixels that hold each, ends exclusive. points, window, triangles : room for what is shaded
-    together; first_spare int64[n+1], cuts int64[n]: scratch. outcomes : int64[n, NUM_OUTCOMES], 0 at first, and num_used :
-    int64[n], as `primitives.assemble` counts them. order : of no rows. counts : int64[tiles, NUM_TILE_COUNTS] and most :
-    int64[tiles, 3], as in `tile.process_tiles` and `queue_lists.rank_owners`, changed for the region's tiles alone. seen :
-    int64[1], after the last batch the samples of the region that hold a triangle. The others as in `primitives.assemble` and
-    `process_tiles`; all are modified in place.
+    They are drawn in submit order. rect : int32[n, 4], the pixels that hold each, ends exclusive. takes_hidden : whether
+    patches without pixels are counted here. order : of no rows. room : a thread's own. target : depths and colours are
+    clear before the first batch. outcomes : int64[n, NUM_OUTCOMES] and num_used : int64[n], as `primitives.assemble` counts
+    them, of the patches drawn. counts : int64[tiles, NUM_TILE_COUNTS] and most : int64[tiles, 3], as in `tile.process_tiles`
+    and `queue_lists.rank_owners`, changed for the region's tiles alone. seen : int64[1], after the last batch the samples of
+    the region that hold a triangle. The others as in `primitives.assemble` and `process_tiles`; all are modified in place.
     """
-    if first_batch:
-        clear_rect(region, background, target)
-    begin, n = 0, len(live)
+    picked, points, window, triangles, space = room
+    n, begin = _pick(live, rect, region, takes_hidden, picked), 0
     while begin < n:
-        end = _end_of_group(begin, n, live, patterns)
+        end = _end_of_group(begin, n, picked.live, patterns)
         ended = _set_up(
-            begin, end, live, patches, patterns, maps, matrix, viewport, guard, bounds, margin, face_cull, points, window,
-            triangles, first_spare, cuts, outcomes, num_used, space,
+            begin, end, picked, patches, patterns, maps, matrix, viewport, guard, bounds, margin, face_cull, points, window,
+            triangles, space,
         )  # fmt: skip
         if ended != _DRAWN:
             return ended
-        drawn = (region[2] + 1, region[3] + 1, region[0] - 1, region[1] - 1)
-        extent = _extent_of(triangles.first[begin], triangles.first[begin + 1], triangles.box)
-        for k in range(begin, end):
-            first, last, now = triangles.first[k], triangles.first[k + 1], extent
-            if k + 1 < end:
-                extent = _extent_of(last, triangles.first[k + 2], triangles.box)
-                if target.depth.shape[2] == 1:
-                    _fetch_ahead(extent, region, target)
-            if first == last:
-                continue
-            if not _holds(rect, k, now):
-                return _ESCAPED
-            part = _intersect(now, region)
-            if part[0] > part[2] or part[1] > part[3]:
-                continue
-            pairs = _draw_patch(
-                first, last, now, region, grid, triangles, window, pattern, depth_range, order, target, space.queued, counts
-            )  # fmt: skip
-            _count_queues(live[k], now, pairs, region, grid, space.queued, counts, most)
-            drawn = (min(drawn[0], part[0]), min(drawn[1], part[1]), max(drawn[2], part[2]), max(drawn[3], part[3]))
+        drawn = _bound_group(begin, end, picked.rect, region, triangles, space.extents)
+        if drawn[0] == _NOT_BOUND:
+            return _ESCAPED
         if drawn[0] <= drawn[2]:
-            shade_tile(drawn, triangles, window, points.normal, shading, light, target, space.pixels)
             forget_rect(drawn, target)
+            for k in range(begin, end):
+                if k + 1 < end and target.depth.shape[2] == 1:
+                    _fetch_ahead(_pixels(space.extents, k + 1), region, target)
+                first, last, extent = triangles.first[k], triangles.first[k + 1], _pixels(space.extents, k)
+                part = _intersect(extent, region)
+                if first == last or part[0] > part[2] or part[1] > part[3]:
+                    continue
+                pairs = _draw_patch(
+                    first, last, extent, region, grid, triangles, window, pattern, depth_range, order, target, space.queued,
+                    counts,
+                )  # fmt: skip
+                _count_queues(picked.live[k], part, pairs, grid, space.queued, counts, most)
+            shade_tile(drawn, triangles, window, points.normal, shading, light, target, space.pixels)
         begin = end
+    _tell(n, picked, outcomes, num_used)
     if last_batch:
-        seen[0] = count_seen_in(region, target)
+        seen[0] = _count_seen(region, grid, counts, target)
         if target.depth.shape[2] > 1:
             resolve_rect(region, target)
         if shading == TILE_GRID:

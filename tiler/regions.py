@@ -34,7 +34,7 @@ Rect = tuple[int, int, int, int]
 
 # Rooms that no thread is in, with their sizes: fresh memory for each region of each frame would cost more than clearing the
 # picture. A list's `append` and `pop` are whole for any thread.
-_rooms: list[tuple[tuple[int, int, int], Room]] = []
+_rooms: list[tuple[tuple[int, int, int, int], Room]] = []
 
 
 class Drawn(NamedTuple):
@@ -52,6 +52,13 @@ def draws_in_regions(machine: Machine) -> bool:
     return (
         machine.binning == "triangle" and not machine.reordered and not machine.occlusion and machine.overlap == "rect"
     )
+
+
+def clear(target: Target, background: tuple[int, int, int]) -> None:
+    """Clear depths and colours. Which triangles are seen need not be: each group of patches clears that where it draws."""
+    color = np.array([*background, 255], np.uint8).view(np.uint32)[0]
+    target.depth.fill(1.0)
+    target.color.view(np.uint32).fill(color)
 
 
 def cut_regions(rect: I32, weight: F64, grid: Grid, most: int, tile_weight: float = 0.0) -> list[Rect]:
@@ -96,7 +103,7 @@ def draw_frame_in_regions(
     maps: DisplacementMaps, camera: Camera, viewport: Viewport, grid: Grid, target: Target, counts: I64, host: Host,
     progress: Callable[[float], None],
 ) -> Drawn | None:  # fmt: skip
-    """Draw the live patches on `target`; None where that can't be done so, and all is to be drawn anew.
+    """Draw the live patches on `target`, which is clear; None where that can't be done so, and all is to be drawn anew.
 
     rect : int32[P, 4], pixels that hold each patch, ends exclusive; tighter() : the same by a better bound, if there is one. It
     is asked for where many patches would be shaded in several regions. counts : int64[tiles, NUM_TILE_COUNTS], 0 at
@@ -114,15 +121,14 @@ def draw_frame_in_regions(
     batches = split_batches(live, patterns, BATCH_POINTS)
     done = 0
     for b, batch in enumerate(batches):
-        first, last = b == 0, b == len(batches) - 1
         regions = _regions_of(batch, rect, sizes, patterns, grid, host)
-        if first and tighter and _num_pairs(rect[batch], regions) > CROWDED * len(batch):
+        if b == 0 and tighter and _num_pairs(rect[batch], regions) > CROWDED * len(batch):
             rect = intersect(rect, tighter())
             regions = _regions_of(batch, rect, sizes, patterns, grid, host)
         part = Drawn(drawn.outcomes[done : done + len(batch)], drawn.num_used[done : done + len(batch)], *drawn[2:])
         ended = _draw_batch(
-            scene, batch, rect[batch], regions, patches, patterns, maps, camera, viewport, grid, target, first, last, part,
-            host,
+            scene, batch, rect[batch], regions, patches, patterns, maps, camera, viewport, grid, target,
+            b == len(batches) - 1, max(map(len, batches)), part, host,
         )  # fmt: skip
         if not ended:
             counts[:] = 0
@@ -155,7 +161,7 @@ def intersect(a: I32, b: I32) -> I32:
     return np.concatenate([begins, np.maximum(np.minimum(a[:, 2:], b[:, 2:]), begins)], axis=1)
 
 
-def _take_room(sizes: tuple[int, int, int]) -> Room:
+def _take_room(sizes: tuple[int, int, int, int]) -> Room:
     """A room of these sizes (`region_kernel.make_room`): an empty one or a new one. Those of other sizes are forgotten."""
     while _rooms:
         try:
@@ -169,7 +175,8 @@ def _take_room(sizes: tuple[int, int, int]) -> Room:
 
 def _draw_batch(
     scene: Scene, batch: I32, rect: I32, regions: list[Rect], patches: Patches, patterns: Patterns, maps: DisplacementMaps,
-    camera: Camera, viewport: Viewport, grid: Grid, target: Target, first: bool, last: bool, drawn: Drawn, host: Host,
+    camera: Camera, viewport: Viewport, grid: Grid, target: Target, last: bool, most_patches: int,
+    drawn: Drawn, host: Host,
 ) -> bool:  # fmt: skip
     """Draw a batch in all regions; whether that went well."""
     picture = scene.picture
@@ -178,35 +185,25 @@ def _draw_batch(
     bounds = (viewport.left, viewport.top, viewport.left + viewport.width - 1, viewport.top + viewport.height - 1)
     pattern = (SAMPLE_X[samples], SAMPLE_Y[samples], MARGIN[samples])
     depth_range = (np.float32(0.0), np.float32(1.0))
-    background = np.array([*picture.background, 255], np.uint8)
     shading, light = int(pixel.Shade[picture.shading.upper()]), unit_vector(scene.light)
     face_cull = int(FaceCull[scene.face_cull.upper()])
     sizes = (
+        most_patches,
         int(np.diff(patterns.first_point).max(initial=0)),
         int(np.diff(patterns.first_triangle).max(initial=0)),
         grid.num_tiles,
     )
     ended, seen = np.zeros(len(regions), np.int64), np.zeros(len(regions), np.int64)
-    nowhere = (rect[:, 0] >= rect[:, 2]) | (rect[:, 1] >= rect[:, 3])
 
     def work(r: int) -> None:
-        region = regions[r]
-        touches = _touching(rect, region) & ~nowhere
-        mine = np.flatnonzero(touches | nowhere if r == 0 else touches)
-        n = len(mine)
-        outcomes, num_used = np.zeros((n, NUM_OUTCOMES), np.int64), np.zeros(n, np.int64)
         room = _take_room(sizes)
         ended[r] = draw_region(
-            batch[mine], patches, patterns, maps, camera.clip_from_world, viewport, guard, bounds, pattern[2], face_cull,
-            rect[mine], region, grid, pattern, depth_range, background, shading, light, first, last,
-            room.points._replace(first=np.zeros(n + 1, np.int64)), room.window,
-            room.triangles._replace(first=np.zeros(n + 1, np.int64), used=np.zeros(n, np.int32)), np.empty(n + 1, np.int64),
-            np.empty(n, np.int64), outcomes, num_used, NO_ORDER, target, drawn.counts, drawn.most,
-            seen[r : r + 1], room.space,
+            batch, rect, regions[r], r == 0, patches, patterns, maps, camera.clip_from_world, viewport, guard, bounds,
+            pattern[2], face_cull, grid, pattern, depth_range, shading, light, last, NO_ORDER, room, target, drawn.outcomes,
+            drawn.num_used, drawn.counts, drawn.most, seen[r : r + 1],
         )  # fmt: skip
         if ended[r] == int(Ended.DRAWN):
             _rooms.append((sizes, room))
-        drawn.outcomes[mine], drawn.num_used[mine] = outcomes, num_used  # the same from each region that has the patch
 
     host.run(work, len(regions))
     drawn.seen[0] = seen.sum()
