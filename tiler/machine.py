@@ -129,17 +129,17 @@ def draw_frame(
     """
     run, picture = shared.run, scene.picture
     viewport = Viewport(0, 0, picture.width, picture.height, 0.0, 1.0)
-    camera = run(camera_at, scene.camera, number, picture.width / picture.height)
-    packed = run(front_end.scene_maps, scene, number)
     grid, ordered = tally.grid, machine.reordered or keep_order
     easel = Easel(scene, grid, ordered, machine.coarse_z_block if machine.occlusion else 0, host, shared)
 
     # Where nothing waits in a queue for what another tile does, all is drawn patch by patch, on a picture that is clear.
     alone = shared.most_points == 0 and not keep_order and onlooker is None
     in_regions = alone and draws_in_regions(machine) and memory.order_decides_nothing
-    clearing = host.beside(lambda: clear(easel.canvas.target, picture.background)) if in_regions else None
+    cleared = host.beside(lambda: clear(easel.canvas.target, picture.background)) if in_regions else None
 
     # Per patch: vertex shader, hull shader, tessellator.
+    camera = run(camera_at, scene.camera, number, picture.width / picture.height)
+    packed = run(front_end.scene_maps, scene, number)
     patches = run(front_end.run_vertex_shader, scene, number)
     factors = run(front_end.tess_factors, scene.tessellation, patches, camera, viewport)
     stage = run(front_end.hull_input, scene, patches, packed, factors, camera, viewport)
@@ -165,12 +165,11 @@ def draw_frame(
         live = shared.same(front_to_back(live, units.bounds))
 
     # Patch by patch, all that follows at once.
-    if clearing:
-        clearing()
+    if cleared:
         tighter = None if machine.bounds == TIGHT else lambda: run(BOUNDS[TIGHT], stage).rect
         drawn = draw_frame_in_regions(
             scene, live, bounds.rect, tighter, patches, patterns, packed.maps, camera, viewport, grid, easel.canvas.target,
-            tally.tiles, host, progress,
+            cleared, tally.tiles, host, progress,
         )  # fmt: skip
         if drawn is not None:
             tally.count_drawn(units, live, drawn)

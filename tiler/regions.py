@@ -100,11 +100,12 @@ def _num_pixels(rect: I32) -> I64:
 
 def draw_frame_in_regions(
     scene: Scene, live: I32, rect: I32, tighter: Callable[[], I32] | None, patches: Patches, patterns: Patterns,
-    maps: DisplacementMaps, camera: Camera, viewport: Viewport, grid: Grid, target: Target, counts: I64, host: Host,
-    progress: Callable[[float], None],
+    maps: DisplacementMaps, camera: Camera, viewport: Viewport, grid: Grid, target: Target,
+    cleared: Callable[[], None], counts: I64, host: Host, progress: Callable[[float], None],
 ) -> Drawn | None:  # fmt: skip
-    """Draw the live patches on `target`, which is clear; None where that can't be done so, and all is to be drawn anew.
+    """Draw the live patches on `target`; None where that can't be done so, and all is to be drawn anew.
 
+    cleared() : returns when `target` is clear (`clear`), not before.
     rect : int32[P, 4], pixels that hold each patch, ends exclusive; tighter() : the same by a better bound, if there is one. It
     is asked for where many patches would be shaded in several regions. counts : int64[tiles, NUM_TILE_COUNTS], 0 at
     first, becomes the result's; 0 again where there is none.
@@ -125,6 +126,7 @@ def draw_frame_in_regions(
         if b == 0 and tighter and _num_pairs(rect[batch], regions) > CROWDED * len(batch):
             rect = intersect(rect, tighter())
             regions = _regions_of(batch, rect, sizes, patterns, grid, host)
+        cleared()
         part = Drawn(drawn.outcomes[done : done + len(batch)], drawn.num_used[done : done + len(batch)], *drawn[2:])
         ended = _draw_batch(
             scene, batch, rect[batch], regions, patches, patterns, maps, camera, viewport, grid, target,
