@@ -22,7 +22,7 @@ from tiler.onlooker import Onlooker
 from tiler.order import number_triangles
 from tiler.phases import UnitTests, first_phase, second_phase
 from tiler.queue_memory import QueueMemory, describe_items, make_queue_memory
-from tiler.regions import clear, draw_frame_in_regions, draws_in_regions
+from tiler.regions import begin_to_clear, draw_frame_in_regions, draws_in_regions
 from tiler.scene.camera import camera_at
 from tiler.scene.model import Scene
 from tiler.shared import ALONE, Stages
@@ -135,7 +135,7 @@ def draw_frame(
     # Where nothing waits in a queue for what another tile does, all is drawn patch by patch, on a picture that is clear.
     alone = shared.most_points == 0 and not keep_order and onlooker is None
     in_regions = alone and draws_in_regions(machine) and memory.order_decides_nothing
-    cleared = host.beside(lambda: clear(easel.canvas.target, picture.background)) if in_regions else None
+    cleared = begin_to_clear(easel.canvas.target, picture.background, host) if in_regions else None
 
     # Per patch: vertex shader, hull shader, tessellator.
     camera = run(camera_at, scene.camera, number, picture.width / picture.height)

@@ -21,13 +21,14 @@ from tiler.rasterizer import MARGIN, SAMPLE_X, SAMPLE_Y
 from tiler.region_kernel import Ended, Room, draw_region, make_room
 from tiler.scene.camera import Camera
 from tiler.scene.model import Scene
-from tiler.tile import Target
+from tiler.tile import Target, clear_samples
 
 BATCH_POINTS = 1 << 22  # domain points between two reports of progress
 REGIONS = 1  # for each of several threads: more would even out, and have more patches on borders, shaded twice
 # What a region takes, about, in domain points: a fit to scenes of ten kinds and sizes, where a point with its triangles and
 # fragments took 29 ns, a pixel of a patch's rectangle 0.7, and a pixel of the picture 5.
 RECT_PIXEL, PIXEL = 1 / 40, 0.18
+CLEARED_FIRST = 0.25  # part of the picture that the calling thread clears, of what is cleared beside
 CROWDED = 1.2  # regions of a patch, on average, from which it pays to bound patches more tightly
 
 Rect = tuple[int, int, int, int]
@@ -54,11 +55,19 @@ def draws_in_regions(machine: Machine) -> bool:
     )
 
 
-def clear(target: Target, background: tuple[int, int, int]) -> None:
-    """Clear depths and colours. Which triangles are seen need not be: each group of patches clears that where it draws."""
-    color = np.array([*background, 255], np.uint8).view(np.uint32)[0]
-    target.depth.fill(1.0)
-    target.color.view(np.uint32).fill(color)
+def begin_to_clear(target: Target, background: tuple[int, int, int], host: Host) -> Callable[[], None]:
+    """Clear depths and colours beside what follows; call what is returned to wait for the end.
+
+    Which triangles are seen need not be cleared: each group of patches does that where it draws. The calling thread does a
+    part itself. So it has no need of the interpreter while another thread wakes up and takes it; waiting for that, it would
+    be woken on the other's processor, and stay there.
+    """
+    depth, color = target.depth.ravel(), target.color.view(np.uint32).ravel()
+    value = np.array([*background, 255], np.uint8).view(np.uint32)[0]
+    mine = int(len(depth) * CLEARED_FIRST)
+    wait = host.beside(lambda: clear_samples(depth[mine:], color[mine:], value))
+    clear_samples(depth[:mine], color[:mine], value)
+    return wait
 
 
 def cut_regions(rect: I32, weight: F64, grid: Grid, most: int, tile_weight: float = 0.0) -> list[Rect]:
@@ -105,7 +114,7 @@ def draw_frame_in_regions(
 ) -> Drawn | None:  # fmt: skip
     """Draw the live patches on `target`; None where that can't be done so, and all is to be drawn anew.
 
-    cleared() : returns when `target` is clear (`clear`), not before.
+    cleared() : returns when `target` is clear (`begin_to_clear`).
     rect : int32[P, 4], pixels that hold each patch, ends exclusive; tighter() : the same by a better bound, if there is one. It
     is asked for where many patches would be shaded in several regions. counts : int64[tiles, NUM_TILE_COUNTS], 0 at
     first, becomes the result's; 0 again where there is none.

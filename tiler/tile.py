@@ -145,6 +145,13 @@ def clear_rect(rect, background, target):
             _set(order, begin, end, np.int64(-1))
 
 
+@kernel
+def clear_samples(depth, color, value):
+    """Clear depths, float32, and colours, uint32, both flat."""
+    _set(depth, 0, len(depth), np.float32(1.0))
+    _set(color, 0, len(color), value)
+
+
 @inlined
 def _count_near(depth):
     far, seen = np.float32(1.0), 0
