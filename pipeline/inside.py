@@ -2,13 +2,14 @@
 
 What becomes of a small triangle is decided by chance: it may face away, or lie between samples, so branches for each are
 branches missed. A run of triangles goes through three loops instead: one fetches the corners, one decides for all at once, in
-vectors, and one lists the numbers of those that go on without asking. Only these are written.
+vectors, and one keeps those that go on (compact.py). Only these are written.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.compact import compact
 from pipeline.jit import helper, inlined
 from pipeline.types import I64, FaceCull
 from pipeline.vector_width import prefer_wide
@@ -17,8 +18,9 @@ CULL_FRONT, CULL_BACK = int(FaceCull.FRONT), int(FaceCull.BACK)
 BACK_FACE = 8  # bit of Triangles.edges beside the three edge bits
 
 RUN = 256  # triangles: their rows stay in the first-level cache
-A, B, C, X0, Y0, X1, Y1, ALIVE, TURNED, LIST, COVER = (k * RUN for k in range(11))
+A, B, C, X0, Y0, X1, Y1, TURNED, NUMBER, COVER, ALIVE = (k * RUN for k in range(11))
 SCRATCH = 11 * RUN
+KEPT = (A, B, C, X0, Y0, X1, Y1, TURNED, NUMBER)  # rows of what goes on
 
 ONE, TWO = np.uint32(1), np.uint32(2)
 SIDE = 4  # pixels a side of the boxes of which Triangles.cover says what is covered
@@ -82,7 +84,7 @@ def _fetch(first, n, indices, corner, rows):
 
 @inlined
 def _decide(n, half, origin, rows, bounds, margin, face_cull):
-    """Rows X0 .. Y1: boxes; ALIVE: whether a triangle goes on; TURNED: whether it is counter-clockwise.
+    """Rows X0 .. Y1: boxes; ALIVE: whether a triangle goes on; TURNED: whether it is counter-clockwise; NUMBER: in the run.
 
     Returns how many have no area, face the wrong way, hold no sample, lie off the screen: each in the first of these.
     """
@@ -90,7 +92,7 @@ def _decide(n, half, origin, rows, bounds, margin, face_cull):
     left, top, right, bottom = lane(bounds[0]), lane(bounds[1]), lane(bounds[2]), lane(bounds[3])
     pa, pb, pc = rows[A : A + n], rows[B : B + n], rows[C : C + n]
     out_x0, out_y0, out_x1, out_y1 = rows[X0 : X0 + n], rows[Y0 : Y0 + n], rows[X1 : X1 + n], rows[Y1 : Y1 + n]
-    alive, turned = rows[ALIVE : ALIVE + n], rows[TURNED : TURNED + n]
+    alive, turned, number = rows[ALIVE : ALIVE + n], rows[TURNED : TURNED + n], rows[NUMBER : NUMBER + n]
     drop_back, drop_front = lane(face_cull == CULL_BACK), lane(face_cull == CULL_FRONT)
     first_x, first_y = lane(origin[0] + 127 - margin), lane(origin[1] + 127 - margin)
     last_x, last_y = lane(origin[0] - 128 + margin), lane(origin[1] - 128 + margin)
@@ -111,7 +113,7 @@ def _decide(n, half, origin, rows, bounds, margin, face_cull):
         x0, y0, x1, y1 = max(x0, left), max(y0, top), min(x1, right), min(y1, bottom)
         out = (one if x0 > x1 else nil) | (one if y0 > y1 else nil)
         out_x0[i], out_y0[i], out_x1[i], out_y1[i] = x0, y0, x1, y1
-        turned[i] = back
+        turned[i], number[i] = back, i
         alive[i] = faces & (one - (empty | out))
         zero_area = lane(zero_area + zero)
         culled = lane(culled + wrong)
@@ -121,25 +123,12 @@ def _decide(n, half, origin, rows, bounds, margin, face_cull):
 
 
 @inlined
-def _list(n, rows):
-    """Row LIST: the numbers in the run of the triangles that go on; how many."""
-    found = 0
-    for i in range(n):
-        rows[LIST + found] = i
-        found += rows[ALIVE + i]
-    return found
-
-
-@inlined
-def _gather(n, rows):
-    """Rows A .. Y1 and TURNED: those of the n triangles in row LIST, corners clockwise from here on; the first corner stays."""
+def _turn(n, rows):
+    """Corners of n triangles clockwise from here on; the first one stays."""
+    turned, b, c = rows[TURNED : TURNED + n], rows[B : B + n], rows[C : C + n]
     for k in range(n):
-        i = np.uint32(rows[LIST + k])  # never less than k; unsigned, as an index that may be negative costs a test
-        back = rows[TURNED + i] != 0
-        b, c = rows[B + i], rows[C + i]
-        rows[A + k], rows[B + k], rows[C + k] = rows[A + i], c if back else b, b if back else c
-        rows[X0 + k], rows[Y0 + k], rows[X1 + k], rows[Y1 + k] = rows[X0 + i], rows[Y0 + i], rows[X1 + i], rows[Y1 + i]
-        rows[TURNED + k] = rows[TURNED + i]
+        back = turned[k] != 0
+        b[k], c[k] = c[k] if back else b[k], b[k] if back else c[k]
 
 
 @inlined
@@ -255,7 +244,7 @@ def _write(n, patch, before, margin, rows, box, cover, edges, patches, source):
     for k in range(n):
         patches[k] = patch
     for k in range(n):
-        source[k] = before + rows[LIST + k]
+        source[k] = before + rows[NUMBER + k]
 
 
 @inlined
@@ -275,12 +264,12 @@ def _set_up_runs(
         offscreen += out
         if zero + wrong + empty + out == n:
             continue
-        found = _list(n, rows)
-        _gather(found, rows)
+        found = compact(rows, ALIVE, 0, n, 0, KEPT)
+        _turn(found, rows)
         if margin == 0:  # samples lie at the pixels' centres
             _cover(found, half, origin, rows)
         for k in range(found):
-            s, at = begin + np.int64(rows[LIST + k]), np.uint32(t + k)
+            s, at = begin + np.int64(rows[NUMBER + k]), np.uint32(t + k)
             number = np.uint32(3 * s)
             a, b, c = indices[number], indices[number + ONE], indices[number + TWO]
             a, b, c = np.uint32(a + base), np.uint32(b + base), np.uint32(c + base)

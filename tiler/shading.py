@@ -8,6 +8,7 @@ The fragments of several rows of pixels are listed first; then each step of the 
 import numpy as np
 
 from pipeline import pixel
+from pipeline.compact import compact, lanes_of
 from pipeline.jit import helper, inlined
 from pipeline.pixel import (
     BLUE,
@@ -23,6 +24,7 @@ from pipeline.pixel import (
     RED,
     TRIANGLE,
     WIREFRAME,
+    A,
     interpolate,
     line_darkening,
     patch_color,
@@ -32,6 +34,8 @@ from pipeline.pixel import (
 )
 
 STRETCH = FRAGMENTS // 2  # most samples that are listed at a time
+VECTOR = lanes_of(32)
+SEEN = A  # row of a list in the making: whether a pixel shows something
 
 
 @inlined
@@ -47,25 +51,28 @@ def _shows(visible, begin, end):
 def _list(y, x0, x1, width, samples, visible, n, numbers):
     """List the fragments of pixels x0..x1 of row y behind the n that are listed; the number of all.
 
-    A pixel has one for each run of its samples that show the same triangle. Each sample is written, and the next over it if
-    it shows nothing new: without a branch, which would be foreseen badly at outlines.
+    A pixel has one for each run of its samples that show the same triangle. With one sample all pixels are written, and those
+    kept that show something. With more each sample is written, and the next over it if it shows nothing new: without a branch,
+    which would be foreseen badly at outlines.
     """
-    k = np.uint32(n)  # unsigned: no index from the end
     row, high = y * width, y << 16
     if samples == 1:
-        for x in range(x0, x1 + 1):
-            t = visible[np.uint32(row + x)]
-            numbers[TRIANGLE + k], numbers[PIXEL + k] = t, high + x
-            k = np.uint32(k + (t >= 0))
-        return np.int64(k)
+        shown, end = visible[row + x0 : row + x1 + 1], n + (x1 - x0 + 1)
+        triangle, pixel, seen = (
+            numbers[TRIANGLE + n : TRIANGLE + end], numbers[PIXEL + n : PIXEL + end], numbers[SEEN + n : SEEN + end],
+        )  # fmt: skip
+        for k in range(len(shown)):
+            triangle[k], pixel[k], seen[k] = shown[k], high + x0 + k, np.int32(shown[k] >= 0)
+        return n + compact(numbers, SEEN, n, end, n, (TRIANGLE, PIXEL))
+    place = np.uint32(n)  # unsigned: no index from the end
     for x in range(x0, x1 + 1):
         before = np.int32(-1)
         for s in range(samples):
             t = visible[(row + x) * samples + s]
-            numbers[TRIANGLE + k], numbers[PIXEL + k] = t, high + x
-            k = np.uint32(k + (t >= 0 and t != before))
+            numbers[TRIANGLE + place], numbers[PIXEL + place] = t, high + x
+            place = np.uint32(place + (t >= 0 and t != before))
             before = t
-    return np.int64(k)
+    return np.int64(place)
 
 
 @helper
@@ -148,7 +155,7 @@ def shade_tile(rect, triangles, window, normal, shading, light, target, scratch)
             continue
         for x0 in range(rect[0], rect[2] + 1, stretch):
             x1 = min(x0 + stretch - 1, rect[2])
-            if n + (x1 - x0 + 1) * samples >= FRAGMENTS:  # one place is written behind the last
+            if n + (x1 - x0 + 1) * samples + VECTOR > FRAGMENTS:  # a vector may be written behind the last
                 _shade(
                     n, triangles, vertex, window, normal, shading, light, width, samples, visible, color, numbers, colors,
                     normals, pixels,
