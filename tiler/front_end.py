@@ -44,7 +44,7 @@ from tiler.shared import Stages
 
 BATCH_POINTS = 1 << 18  # domain points in flight: a batch of about 40 MB, whose memory the next one gets again
 WINDING = "triangle_ccw"  # with u x v pointing to the viewer this is clockwise on the screen: a front face
-CULL_CHUNK = 1024  # least patches of a chunk: what surrounds the kernels of a cull test takes as long as 200 patches
+CULL_CHUNK = 2048  # least patches of a chunk: what surrounds the kernels of a cull test takes as long as 200 patches
 FAN_TRIANGLES = primitives.MAX_CORNERS - 2
 
 
