@@ -108,14 +108,23 @@ def _edge_run(x, y, z, edge, u, v, begin, end, nx, ny, nz, keep, s):
                     nx[first + k], ny[first + k], nz[first + k] = np.float32(a), np.float32(b), np.float32(c)
 
 
+@inlined
+def _end_of_run(edge, across, along, begin, n):
+    """The points begin .. the result - 1 lie all on this edge, or are one: `edge_of` each, but for corners' and inner points'."""
+    end = begin + 1
+    while 0 <= edge < 4 and end < n and across[end] == across[begin] and ZERO < along[end] < ONE:
+        end += 1
+    return end
+
+
 @helper
 def _count_outer(u, v):
     """Number of leading points up to the last one that lies on an edge."""
-    count = 0
+    count = np.int32(0)  # as wide as a coordinate: so many to a vector
     for k in range(len(u)):
         inside = (u[k] > ZERO) & (u[k] < ONE) & (v[k] > ZERO) & (v[k] < ONE)
-        count = max(count, 0 if inside else k + 1)
-    return count
+        count = max(count, np.int32(0) if inside else np.int32(k + 1))
+    return np.int64(count)
 
 
 @helper
@@ -128,9 +137,7 @@ def write_edge_normals(edge_row, corner_row, edge_normals, corner_normals, keep,
     n, begin = _count_outer(u, v), 0  # the points inside come last
     while begin < n:
         edge = edge_of(u[begin], v[begin])
-        end = begin + 1
-        while end < n and edge_of(u[end], v[end]) == edge:
-            end += 1
+        end = _end_of_run(edge, u if edge % 2 == 0 else v, v if edge % 2 == 0 else u, begin, n)
         if edge >= 4:
             row = corner_row[edge - 4]
             x, y, z = corner_normals[row, 0], corner_normals[row, 1], corner_normals[row, 2]
