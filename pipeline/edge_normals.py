@@ -110,7 +110,7 @@ def _edge_run(x, y, z, edge, u, v, begin, end, nx, ny, nz, keep, s):
 
 @inlined
 def _end_of_run(edge, across, along, begin, n):
-    """The points begin .. the result - 1 lie all on this edge, or are one: `edge_of` each, but for corners' and inner points'."""
+    """Points begin .. the result - 1 lie all on this edge, or are one: in a corner or inside each is a run of its own."""
     end = begin + 1
     while 0 <= edge < 4 and end < n and across[end] == across[begin] and ZERO < along[end] < ONE:
         end += 1
