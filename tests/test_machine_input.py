@@ -595,18 +595,17 @@ def test_work_beside_ends_before_the_host_does():
     assert done == [True]
 
 
-@pytest.mark.skipif(placement.here() < 0, reason="the system does not tell where a thread runs")
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux lets a program choose where a thread runs")
 def test_threads_keep_off_the_processor_of_the_one_that_calls(monkeypatch):
     mine = os.sched_getaffinity(0)
-    if len(mine) < 2:
-        pytest.skip("there is one processor only")
+    assert placement.here() in mine
     count_threads()
     with Host(2) as host:
         (number,) = threads_of(host, 2) - {threading.get_native_id()}
         for cpu in sorted(mine)[:2]:
             monkeypatch.setattr(host_module, "here", lambda cpu=cpu: cpu)
             host.run(lambda c: None, 2)
-            assert os.sched_getaffinity(number) == mine - {cpu}
+            assert os.sched_getaffinity(number) == (mine - {cpu} or mine)
     assert os.sched_getaffinity(0) == mine, "where the caller may run is the caller's business"
 
 
