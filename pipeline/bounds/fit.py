@@ -27,9 +27,9 @@ from pipeline.bounds.lanes import (
     most4,
     restrict_rows,
     scratch,
-    store_rows,
 )
 from pipeline.bounds.obb_frame import make_frame
+from pipeline.bounds.rows import store_rows
 from pipeline.jit import helper, inlined, kernel
 from pipeline.types import F64, HullInput
 

@@ -31,8 +31,9 @@ import numpy as np
 from pipeline.bounds import fit, scalar_normals
 from pipeline.bounds.cones import TANGENT, U, combine_tangent_cones, widen
 from pipeline.bounds.fit import AXES, COSINE, DOMAIN, SINE, SIZE, TURNED, fit_block, turn_points
-from pipeline.bounds.lanes import LANES, columns, most4, restrict_rows, scratch, store_rows
+from pipeline.bounds.lanes import LANES, columns, most4, restrict_rows, scratch
 from pipeline.bounds.obb_frame import cross
+from pipeline.bounds.rows import store_rows
 from pipeline.bounds.shared_normals import widen_normals
 from pipeline.jit import helper, inlined, kernel
 from pipeline.types import F64, HullInput

@@ -17,14 +17,16 @@ import numpy as np
 from pipeline.bounds import single, single_normals
 from pipeline.bounds.cbox import find_left
 from pipeline.bounds.fit import AXES, HI, KEPT, LO, SIZE, fit_boxes
-from pipeline.bounds.lanes import LANES, aligned, least4, load_rows, most4, padded, scratch
+from pipeline.bounds.lanes import LANES, aligned, least4, most4, padded, scratch
 from pipeline.bounds.lookup import displacement_ranges
 from pipeline.bounds.normals import bound_normals
 from pipeline.bounds.project import Boxes, allocate_boxes, project_boxes, unprojected
+from pipeline.bounds.rows import copy_lanes, load_rows
 from pipeline.bounds.shared_normals import find_slacks, widen_column
-from pipeline.bounds.single import FINE, FIRST, MIDDLE, REACH, UNIT, ZERO, fit_single
+from pipeline.bounds.single import FINE, MIDDLE, POINTS, REACH, UNIT, ZERO, clear_first, fit_single
 from pipeline.bounds.single_normals import CONE, X_MOST, Y_MOST, Z_LEAST, bound_single
-from pipeline.bounds.transpose import load_block, store_block
+from pipeline.bounds.spread import store3, store9
+from pipeline.bounds.transpose import load_block
 from pipeline.bounds.vector import grow_by_vectors
 from pipeline.jit import helper, inlined, kernel
 from pipeline.types import F64, I64, HullInput, PatchBounds
@@ -40,16 +42,19 @@ ROWS = KEPT + 21
 
 
 @inlined
-def _displace(s, lane):
+def _displace(s, lane, size, known):
     """What the displacement adds to the extents along x, y and z: reach, reach, range; to each half what it rounds.
 
-    NaN if the displacement is.
+    NaN if the displacement is. size : largest magnitude of a coordinate of the whole patch. known : whether rows X_MOST ..
+    say something of the normals.
     """
-    t_lo, t_hi, size = s[T_LO * LANES + lane], s[T_HI * LANES + lane], s[SIZE * LANES + lane]
+    t_lo, t_hi = s[T_LO * LANES + lane], s[T_HI * LANES + lane]
     most = max(abs(t_lo), abs(t_hi)) + (t_lo - t_lo) + (t_hi - t_hi)
+    pad = 12.0 * U * most + (3.5 * U * size if most > 0.0 else 0.0)
+    if not known:
+        return most, most, -most, most, pad
     x, y, z = most * s[X_MOST * LANES + lane], most * s[Y_MOST * LANES + lane], s[Z_LEAST * LANES + lane]
     z_lo, z_hi = least4(t_lo, t_hi, t_lo * z, t_hi * z), most4(t_lo, t_hi, t_lo * z, t_hi * z)
-    pad = 12.0 * U * most + (3.5 * U * size if most > 0.0 else 0.0)
     return x, y, z_lo, z_hi, pad
 
 
@@ -69,54 +74,65 @@ def _put_box(s, lane, x, y, z, middles, halves):
     s[k + 2 * LANES], s[k + 5 * LANES], s[k + 8 * LANES] = h0 * a, h1 * b, h2 * c
 
 
+@inlined
+def _aim_cone(s, lane):
+    """Rows CONE_AXIS: the third axis, zero where there is no cone."""
+    known, i, j = s[CONE * LANES + lane] > -1.0, (AXES + 6) * LANES + lane, CONE_AXIS * LANES + lane
+    x, y, z = s[i], s[i + LANES], s[i + 2 * LANES]
+    s[j], s[j + LANES], s[j + 2 * LANES] = (x if known else 0.0), (y if known else 0.0), (z if known else 0.0)
+
+
 @helper
 def _grow_block(s):
-    """Rows CENTER and HALF from LO and HI."""
+    """Rows CENTER, HALF and CONE_AXIS, from LO and HI."""
     prefer_wide()
     for lane in range(LANES):
-        x, y, z_lo, z_hi, pad = _displace(s, lane)
+        x, y, z_lo, z_hi, pad = _displace(s, lane, s[SIZE * LANES + lane], True)
         i, j = LO * LANES + lane, HI * LANES + lane
         x0, x1, y0, y1 = s[i] - x, s[j] + x, s[i + LANES] - y, s[j + LANES] + y
         z0, z1 = s[i + 2 * LANES] + z_lo, s[j + 2 * LANES] + z_hi
         middles = 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (z0 + z1)
         halves = 0.5 * (x1 - x0) + pad, 0.5 * (y1 - y0) + pad, 0.5 * (z1 - z0) + pad
         _put_box(s, lane, 0.0, 0.0, 0.0, middles, halves)
+        _aim_cone(s, lane)
 
 
 @inlined
-def _grow_single(s, d):
-    """Rows CENTER and HALF of d from MIDDLE, REACH and FIRST of s. A sum here rounds by 2^-53 of it, within `single.AXIS`."""
+def _grow_single(s, d, known):
+    """Rows CENTER, HALF and CONE_AXIS of d, the last only if normals are `known`; whether a patch of the block is not FINE.
+
+    From rows MIDDLE, REACH and POINTS of s. A sum here rounds by 2^-53 of it, within `single.AXIS`.
+    """
     prefer_wide()
+    left = np.uint8(0)
     for lane in range(LANES):
-        x, y, z_lo, z_hi, pad = _displace(d, lane)
-        unit, i, j, f = d[UNIT * LANES + lane], MIDDLE * LANES + lane, REACH * LANES + lane, FIRST * LANES + lane
+        x, y, z_lo, z_hi, pad = _displace(d, lane, np.float64(s[single.SIZE * LANES + lane]), known)
+        unit, i, j, f = d[UNIT * LANES + lane], MIDDLE * LANES + lane, REACH * LANES + lane, POINTS * LANES + lane
         m0, m1, m2 = np.float64(s[i]), np.float64(s[i + LANES]), np.float64(s[i + 2 * LANES])
         h0, h1, h2 = np.float64(s[j]), np.float64(s[j + LANES]), np.float64(s[j + 2 * LANES])
         middles = unit * m0, unit * m1, unit * m2 + 0.5 * (z_lo + z_hi)
         halves = unit * h0 + (x + pad), unit * h1 + (y + pad), unit * h2 + (0.5 * (z_hi - z_lo) + pad)
         _put_box(
-            d, lane, np.float64(s[f]), np.float64(s[f + LANES]), np.float64(s[f + 2 * LANES]), middles, halves
+            d, lane, np.float64(s[f]), np.float64(s[f + 16 * LANES]), np.float64(s[f + 32 * LANES]), middles, halves
         )  # fmt: skip
+        if known:
+            _aim_cone(d, lane)
+        left |= np.uint8(s[FINE * LANES + lane] == ZERO)
+    return left != 0
 
 
 @helper
 def _store(first, count, cones, s, center, axes, cone_axis, cone_cos):
     """Boxes of the first `count` lanes; cone_axis where there are cones."""
-    store_block(s, CENTER, first, center)
-    store_block(s, HALF, first, axes)
+    store3(s, CENTER, first, center)
+    store9(s, HALF, first, axes)
     if cones:
-        for c in range(3):
-            for lane in range(LANES):
-                axis, known = s[(AXES + 6 + c) * LANES + lane], s[CONE * LANES + lane] > -1.0
-                s[(CONE_AXIS + c) * LANES + lane] = axis if known else 0.0
-        store_block(s, CONE_AXIS, first, cone_axis)
-    begin = np.uintp(first)
-    if count == LANES:  # as many as are known when this is compiled: one or two vectors
-        for lane in range(LANES):
-            cone_cos[begin + np.uintp(lane)] = s[CONE * LANES + lane]
+        store3(s, CONE_AXIS, first, cone_axis)
+    if count == LANES:
+        copy_lanes(s, CONE * LANES, cone_cos, first)
     else:
         for lane in range(count):
-            cone_cos[begin + np.uintp(lane)] = s[CONE * LANES + lane]
+            cone_cos[np.uintp(first) + np.uintp(lane)] = s[CONE * LANES + lane]
 
 
 @helper
@@ -131,15 +147,13 @@ def _know_nothing(s):
 
 
 @inlined
-def _note_left(s, first, count, left):
-    """left[first] .. also where FINE is 0; whether that is so anywhere. Few blocks have one: only looking vectorizes."""
-    some = np.uint8(0)
-    for lane in range(LANES):
-        some |= np.uint8(s[FINE * LANES + lane] == ZERO)
-    if some != 0:
+def _bound_slacked(kind, slacks, first, count, s, d):
+    """Rows X_MOST .. CONE of d, widened by the slacks of the block's patches where some share normals."""
+    bound_single(kind, s, d)
+    if len(slacks) > 0:
+        rows = d[X_MOST * LANES : (CONE + 1) * LANES].reshape(4, LANES)
         for lane in range(count):
-            left[first + lane] |= s[FINE * LANES + lane] == ZERO
-    return some != 0
+            widen_column(rows, lane, slacks[first + lane])
 
 
 @kernel
@@ -155,20 +169,23 @@ def _bound_single(
     for m in range(len(planes)):
         vectors |= planes[m, 0] >= 0
     _know_nothing(d)
+    clear_first(s)
     for first in range(0, n, LANES):
         count = min(LANES, n - first)
         load_block(control_points, first, tail, s)
-        fit_single(s, d)
-        if kind != NOTHING:
-            bound_single(kind, s, d)
-            if len(slacks) > 0:
-                rows = d[X_MOST * LANES : (CONE + 1) * LANES].reshape(4, LANES)
-                for lane in range(count):
-                    widen_column(rows, lane, slacks[first + lane])
         load_rows(d, T_LO, 2, ranges, first)
-        _grow_single(s, d)
+        if kind == NOTHING:
+            fit_single(s, d, False)
+            left_here = _grow_single(s, d, False)
+        else:
+            fit_single(s, d, True)
+            _bound_slacked(kind, slacks, first, count, s, d)
+            left_here = _grow_single(s, d, True)
         _store(first, count, kind != NOTHING, d, center, axes, cone_axis, cone_cos)
-        some_left |= _note_left(s, first, count, left)
+        if left_here:
+            for lane in range(count):
+                left[first + lane] |= s[FINE * LANES + lane] == ZERO
+        some_left |= left_here
     if vectors:
         for p in range(n):
             left[p] |= map_id[p] >= 0 and planes[map_id[p], 0] >= 0

@@ -34,7 +34,7 @@ from pipeline.bounds import normals, single
 from pipeline.bounds.cones import FLOAT64, TANGENT, U
 from pipeline.bounds.cones import ROUND as ROUND64
 from pipeline.bounds.fit import KEPT
-from pipeline.bounds.lanes import LANES
+from pipeline.bounds.lanes import LANES, most4
 from pipeline.bounds.normals import multiply_nets
 from pipeline.bounds.single import FINE, LARGEST, ONE, TURNED, ZERO
 from pipeline.jit import inlined
@@ -57,14 +57,15 @@ FIFTH, TENTH = np.float32(1.0 / 5.0), np.float32(1.0 / 10.0)
 LIMIT = np.float32(0.5)
 TINY = np.float32(U)
 
-# Rows of float32, after those of `single`. Nets of x, y and z: along u 3 x 4, along v 4 x 3; the normal patch.
-ALONG_U, ALONG_V = single.ROWS, single.ROWS + 36
-NORMALS = single.ROWS + 72  # 36 each of x, y, z
-CONE_T, CONE_B, CONE_N = (single.ROWS + 180 + 5 * k for k in range(3))  # over, under, least dot, longest squared
-LEAST_Z = single.ROWS + 195
-WIDEST, ERROR, ACROSS_X, ACROSS_Y = (single.ROWS + 196 + k for k in range(4))  # sines, of what `_combine` finds
-TURN_COSINE, TURN_SINE = single.ROWS + 200, single.ROWS + 201  # of the axis of the cone along v, in the frame
-ROWS = single.ROWS + 202
+# Rows of float32, after those of `single`. Nets of x, y and z: along u 3 x 4, along v 4 x 3, after each the square of its
+# longest vector; the normal patch.
+ALONG_U, LONGEST_U, ALONG_V, LONGEST_V = single.ROWS, single.ROWS + 36, single.ROWS + 37, single.ROWS + 73
+NORMALS = single.ROWS + 74  # 36 each of x, y, z
+CONE_T, CONE_B, CONE_N = (single.ROWS + 182 + 3 * k for k in range(3))  # over, under, least dot
+LEAST_Z = single.ROWS + 191
+WIDEST, ERROR, ACROSS_X, ACROSS_Y = (single.ROWS + 192 + k for k in range(4))  # sines, of what `_combine` finds
+TURN_COSINE, TURN_SINE = single.ROWS + 196, single.ROWS + 197  # of the axis of the cone along v, in the frame
+ROWS = single.ROWS + 198
 
 # Rows of float64: |n.x|, |n.y| <= the first two, n.z >= the third, cosine of the cone or -1.
 X_MOST, Y_MOST, Z_LEAST, CONE = (KEPT + 2 + k for k in range(4))
@@ -78,28 +79,14 @@ FACTORS_V = tuple(np.float32(f) for f in normals.FACTORS_V)
 
 
 @inlined
-def _subtract(s, target, a, b, rows):
-    """Rows target .. = rows a .. - rows b .. ."""
-    prefer_wide()
-    for i in range(rows * LANES):
-        s[target * LANES + i] = s[a * LANES + i] - s[b * LANES + i]
+def _vector(s, along_v, k, lane):
+    """Control vector k of 12: along u of points k and k + 4, along v of neighbours in a row of four.
 
-
-@inlined
-def _differences_of(s, c):
-    u, v, points = ALONG_U + 12 * c, ALONG_V + 12 * c, TURNED + 16 * c
-    _subtract(s, u, points + 4, points, 12)
-    _subtract(s, v, points + 1, points, 3)
-    _subtract(s, v + 3, points + 5, points + 4, 3)
-    _subtract(s, v + 6, points + 9, points + 8, 3)
-    _subtract(s, v + 9, points + 13, points + 12, 3)
-
-
-@inlined
-def _differences(s):
-    _differences_of(s, 0)
-    _differences_of(s, 1)
-    _differences_of(s, 2)
+    Made where it is needed: to keep it would take longer than the difference.
+    """
+    i = (TURNED + (k + k // 3 if along_v else k)) * LANES + lane
+    j = i + (LANES if along_v else 4 * LANES)
+    return s[j] - s[i], s[j + 16 * LANES] - s[i + 16 * LANES], s[j + 32 * LANES] - s[i + 32 * LANES]
 
 
 # Cones of tangents
@@ -118,52 +105,53 @@ def _find_angles(s):
 
 
 @inlined
-def _slope(s, row, lane, about_b):
-    """(tan^2 of a vector's angle about the axis as numerator and denominator, dot with the axis, square of its length)."""
-    i = row * LANES + lane
-    x, y, z = s[i], s[i + 12 * LANES], s[i + 24 * LANES]
+def _slope(s, along_v, k, lane):
+    """Of a control vector tan^2 of its angle about the cone's axis, as numerator and denominator, and its dot with the axis."""
+    x, y, z = _vector(s, along_v, k, lane)
     c, d = s[TURN_COSINE * LANES + lane], s[TURN_SINE * LANES + lane]
-    dot, side = (c * x + d * y, c * y - d * x) if about_b else (x, y)
-    across, square = side * side + z * z, dot * dot
-    known = dot > STEEP
-    return (across if known else FAR), (square if known else ONE), dot, across + square
+    dot, side = (c * x + d * y, c * y - d * x) if along_v else (x, y)
+    return side * side + z * z, dot * dot, dot
 
 
 @inlined
 def _steeper(a, b):
-    """The greater quotient of two, the lesser dot, the greater square."""
+    """The greater quotient of two, and the lesser dot."""
     second = b[0] * a[1] > a[0] * b[1]
-    return (b[0] if second else a[0]), (b[1] if second else a[1]), min(a[2], b[2]), max(a[3], b[3])
+    return (b[0] if second else a[0]), (b[1] if second else a[1]), min(a[2], b[2])
 
 
 @inlined
-def _slopes(s, row, lane, about_b):
+def _slopes(s, along_v, k, lane):
     """The steepest of six."""
-    a, b = _slope(s, row, lane, about_b), _slope(s, row + 1, lane, about_b)
-    c, d = _slope(s, row + 2, lane, about_b), _slope(s, row + 3, lane, about_b)
-    e, f = _slope(s, row + 4, lane, about_b), _slope(s, row + 5, lane, about_b)
+    a, b = _slope(s, along_v, k, lane), _slope(s, along_v, k + 1, lane)
+    c, d = _slope(s, along_v, k + 2, lane), _slope(s, along_v, k + 3, lane)
+    e, f = _slope(s, along_v, k + 4, lane), _slope(s, along_v, k + 5, lane)
     return _steeper(_steeper(_steeper(a, b), _steeper(c, d)), _steeper(e, f))
 
 
 @inlined
-def _cone(s, net, about_b, out):
-    """Rows out ..: tan^2 of a cone's half angle as a quotient, the least dot, the square of the longest vector."""
+def _cone(s, along_v, out):
+    """Rows out ..: tan^2 of a cone's half angle as a quotient, infinite where a vector is beyond STEEP; the least dot.
+
+    Dots that are no numbers may get lost among the others. They come of an axis that is none, of which `_combine` knows
+    nothing, or of points that are none (FINE).
+    """
     prefer_wide()
     for lane in range(LANES):
         i = out * LANES + lane
-        s[i], s[i + LANES], s[i + 2 * LANES], s[i + 3 * LANES] = _steeper(
-            _slopes(s, net, lane, about_b), _slopes(s, net + 6, lane, about_b)
-        )
+        over, under, least = _steeper(_slopes(s, along_v, 0, lane), _slopes(s, along_v, 6, lane))
+        known = least > STEEP
+        s[i], s[i + LANES], s[i + 2 * LANES] = (over if known else FAR), (under if known else ONE), least
 
 
 @inlined
 def _cone_t(s):
-    _cone(s, ALONG_U, False, CONE_T)
+    _cone(s, False, CONE_T)
 
 
 @inlined
 def _cone_b(s):
-    _cone(s, ALONG_V, True, CONE_B)
+    _cone(s, True, CONE_B)
 
 
 @inlined
@@ -227,20 +215,38 @@ def _finish_tpatch(s, d, tight):
 
 
 @inlined
-def _scale(s, net, factors):
-    """Vectors of a net, times their binomials."""
+def _scale(s, along_v, k, net, factor, lane):
+    """Control vector k of a tangent, times its binomial, to a net; the square of its length without."""
+    i = (net + k) * LANES + lane
+    x, y, z = _vector(s, along_v, k, lane)
+    s[i], s[i + 12 * LANES], s[i + 24 * LANES] = x * factor, y * factor, z * factor
+    return (y * y + z * z) + x * x
+
+
+@inlined
+def _scale4(s, along_v, k, net, factors, lane):
+    """Four of them; the greatest square."""
+    return most4(
+        _scale(s, along_v, k, net, factors[k], lane),
+        _scale(s, along_v, k + 1, net, factors[k + 1], lane),
+        _scale(s, along_v, k + 2, net, factors[k + 2], lane),
+        _scale(s, along_v, k + 3, net, factors[k + 3], lane),
+    )
+
+
+@inlined
+def _scale_net(s, along_v, net, factors, longest):
+    """Control vectors of a tangent, times their binomials; row `longest`: the greatest square of a length without."""
     prefer_wide()
-    for k in range(12):
-        for lane in range(LANES):
-            i, factor = (net + k) * LANES + lane, factors[k]
-            x, y, z = s[i] * factor, s[i + 12 * LANES] * factor, s[i + 24 * LANES] * factor
-            s[i], s[i + 12 * LANES], s[i + 24 * LANES] = x, y, z
+    for lane in range(LANES):
+        a, b = _scale4(s, along_v, 0, net, factors, lane), _scale4(s, along_v, 4, net, factors, lane)
+        s[longest * LANES + lane] = max(max(a, b), _scale4(s, along_v, 8, net, factors, lane))
 
 
 @inlined
 def _scale_nets(s):
-    _scale(s, ALONG_U, FACTORS_U)
-    _scale(s, ALONG_V, FACTORS_V)
+    _scale_net(s, False, ALONG_U, FACTORS_U, LONGEST_U)
+    _scale_net(s, True, ALONG_V, FACTORS_V, LONGEST_V)
 
 
 @inlined
@@ -248,7 +254,7 @@ def _slope_n(s, k, lane):
     i = (NORMALS + k) * LANES + lane
     x, y, z = s[i], s[i + 36 * LANES], s[i + 72 * LANES]
     known = z > LEAST_NORMAL
-    return (x * x + y * y if known else FAR), (z * z if known else ONE), ZERO, ZERO
+    return (x * x + y * y if known else FAR), (z * z if known else ONE), ZERO
 
 
 @inlined
@@ -277,7 +283,7 @@ def _cone_n(s):
         a = _steeper(_slopes_n(s, 0, lane), _slopes_n(s, 6, lane))
         b = _steeper(_slopes_n(s, 12, lane), _slopes_n(s, 18, lane))
         c = _steeper(_slopes_n(s, 24, lane), _slopes_n(s, 30, lane))
-        s[CONE_N * LANES + lane], s[(CONE_N + 1) * LANES + lane], _, _ = _steeper(_steeper(a, b), c)
+        s[CONE_N * LANES + lane], s[(CONE_N + 1) * LANES + lane], _ = _steeper(_steeper(a, b), c)
         outer = min(_least_z(s, 0, lane), _least_z(s, 30, lane))
         middle = min(_least_z(s, 6, lane), _least_z(s, 24, lane)) * FIFTH
         inner = min(_least_z(s, 12, lane), _least_z(s, 18, lane)) * TENTH
@@ -291,8 +297,7 @@ def _measure_npatch(s):
     for lane in range(LANES):
         i, h = CONE_N * LANES + lane, s[LEAST_Z * LANES + lane]
         sine, _ = _sine_and_cosine(s[i], s[i + LANES])
-        a = math.sqrt(s[(CONE_T + 3) * LANES + lane])
-        b = math.sqrt(s[(CONE_B + 3) * LANES + lane])
+        a, b = math.sqrt(s[LONGEST_U * LANES + lane]), math.sqrt(s[LONGEST_V * LANES + lane])
         vectors = VECTOR_T * s[LARGEST * LANES + lane] * (a + b)
         own = (vectors + OWN * a * b) * CLEAR
         error = (vectors + NORMAL * a * b) * MORE / h + TINY
@@ -320,7 +325,6 @@ def _finish_npatch(s, d):
 def bound_single(kind, s, d):
     """Rows X_MOST .. CONE of d from rows TURNED of s."""
     _find_angles(s)
-    _differences(s)
     _cone_t(s)
     _cone_b(s)
     _combine(s)

@@ -14,7 +14,7 @@ from numba.core import cgutils
 
 from pipeline.bounds.lanes import LANES
 from pipeline.jit import inlined
-from pipeline.types import F32, F64
+from pipeline.types import F32
 
 intrinsic: Any = extending.intrinsic
 
@@ -118,84 +118,3 @@ def load_block(control_points, first, tail, s):
     """Points of a block of float32[n, 64] as `transpose_points`; tail float32[LANES, 64] is for the last one."""
     fill_tail(control_points, first, tail)
     transpose_points(control_points, first, tail, s)
-
-
-# The other way
-
-
-def _spreader(width: int) -> Any:
-    """`spread_rows` of so many rows, for the compiler: four rows and four lanes at a time."""
-
-    @intrinsic
-    def spread(typingctx, s, row, first, target):
-        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            four = ir.VectorType(ir.DoubleType(), 4)
-            rows = data_of(context, builder, signature.args[0], arguments[0])
-            rows = cgutils.gep(builder, rows, builder.mul(arguments[1], arguments[1].type(LANES)))
-            out = data_of(context, builder, signature.args[3], arguments[3])
-            out = cgutils.gep(builder, out, builder.mul(arguments[2], arguments[2].type(width)))
-
-            def at(base: Any, number: int, kind: Any) -> Any:
-                return builder.bitcast(cgutils.gep(builder, base, number), kind.as_pointer())
-
-            def pick(a: Any, b: Any, picks: tuple[int, int, int, int]) -> Any:
-                return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(ir.IntType(32), 4), list(picks)))
-
-            for lane in range(0, LANES, 4):
-                for r in range(0, width, 4):
-                    m = min(4, width - r)
-                    a, b, c, d = (
-                        builder.load(at(rows, (r + min(k, m - 1)) * LANES + lane, four), align=8) for k in range(4)
-                    )
-                    low, high = pick(a, b, (0, 4, 2, 6)), pick(a, b, (1, 5, 3, 7))
-                    low2, high2 = pick(c, d, (0, 4, 2, 6)), pick(c, d, (1, 5, 3, 7))
-                    columns = [
-                        pick(low, low2, (0, 1, 4, 5)), pick(high, high2, (0, 1, 4, 5)),
-                        pick(low, low2, (2, 3, 6, 7)), pick(high, high2, (2, 3, 6, 7)),
-                    ]  # fmt: skip
-                    for k, column in enumerate(columns):
-                        begin = (lane + k) * width + r
-                        if begin + 4 <= LANES * width and m > 1:  # what is too much the next lane overwrites
-                            builder.store(column, at(out, begin, four), align=8)
-                        else:
-                            for i in range(m):
-                                value = builder.extract_element(column, ir.IntType(32)(i))
-                                builder.store(value, at(out, begin + i, ir.DoubleType()))
-            return context.get_dummy_value()
-
-        return types.void(s, types.intp, types.intp, target), generate
-
-    return spread
-
-
-_spread3, _spread9 = _spreader(3), _spreader(9)
-
-
-def spread_rows(s: F64, row: int, first: int, target: F64) -> None:
-    """Rows `row` .. of s float64 to rows first .. first + LANES of target float64[n, 3] or [n, 3, 3], column by column."""
-    flat = target[first : first + LANES].reshape(LANES, -1)
-    for lane in range(LANES):
-        for c in range(flat.shape[1]):
-            flat[lane, c] = s[(row + c) * LANES + lane]
-
-
-@extending.overload(spread_rows)
-def _spread_rows(s, row, first, target):
-    if target.ndim == 3:
-        return lambda s, row, first, target: _spread9(s, row, first, target)
-    return lambda s, row, first, target: _spread3(s, row, first, target)
-
-
-@inlined
-def store_block(s, row, first, target):
-    """Rows `row` .. of a block to rows first .. of target float64[n, 3] or [n, 3, 3], as many as there are."""
-    if first + LANES <= len(target):
-        spread_rows(s, row, first, target)
-    else:
-        for lane in range(len(target) - first):
-            for c in range(3):
-                if target.ndim == 2:
-                    target[first + lane, c] = s[(row + c) * LANES + lane]
-                else:
-                    for k in range(3):
-                        target[first + lane, c, k] = s[(row + 3 * c + k) * LANES + lane]
