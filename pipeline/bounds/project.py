@@ -20,8 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.bounds.lanes import LANES, least4, most4, scratch
+from pipeline.bounds.spread import load3, load9, store4, store32
 from pipeline.jit import helper, inlined, kernel
 from pipeline.types import F32, F64, PatchBounds, Viewport
+from pipeline.vector_width import prefer_wide
 
 U = 2.0**-24
 SLACK = 6.0 * U
@@ -178,37 +180,27 @@ def _project_one(p, viewport, bounds):
         bounds.z_min[p] = _least_depth(z_lo, viewport)
 
 
-# Blocks. Rows of the scratch array: center (3) and axes (9, row 3 r + c of axis r), corners (8 for each of x, y, z, w),
-# slack (4), 1 / (w - slack) and 1 / (w + slack) (8 each), quotients (8 each), pixels, flags, their ranges (3 each), and what
-# the functions of `_classify` are at least.
+# Blocks. Rows of the scratch array: center (3) and axes (9, row 3 r + c of axis r), corners (x, y, z, w of each of 8), slack
+# (4), what bounds the corners, 1 / (w - slack) and 1 / (w + slack) (8 each), ranges of the quotients (3 each), pixels, flags.
 
-CENTER, AXES, CORNERS, SLACKS, NEAR, FAR, LOWS, HIGHS = 0, 3, 12, 44, 48, 56, 64, 72
-X0, X1, Y0, Y1, FRONT, INSIDE, LOW, HIGH, BOUND, LEAST, DEPTH = 80, 81, 82, 83, 84, 85, 86, 89, 92, 93, 100
-ROWS = 101
-ROW = LANES  # from a row to the next
-
-
-@helper
-def _load_boxes(first, n, center, axes, s):
-    for lane in range(LANES):
-        p = min(first + lane, n - 1)
-        for c in range(3):
-            s[(CENTER + c) * LANES + lane] = center[p, c]
-            for r in range(3):
-                s[(AXES + 3 * r + c) * LANES + lane] = axes[p, r, c]
+CENTER, AXES, CORNERS, SLACKS, BOUND, NEAR, FAR, LOW, HIGH = 0, 3, 12, 44, 48, 49, 57, 65, 68
+X0, X1, Y0, Y1, FRONT, INSIDE, DEPTH = 71, 72, 73, 74, 75, 76, 77
+ROWS = 78
+ROW, CORNER = LANES, 4 * LANES  # from a row to the next, from a corner's to the next one's
 
 
-@helper
+@inlined
 def _transform(matrix, row, s):
     """Clip-space coordinate `row` of all corners, and its slack. Corner k: bit r of k gives the sign of axis r.
 
     Row BOUND: sum of what bounds them, which is finite if they all are.
     """
+    prefer_wide()
     m0, m1, m2 = np.float64(matrix[row, 0]), np.float64(matrix[row, 1]), np.float64(matrix[row, 2])
     m3 = np.float64(matrix[row, 3])
     size0, size1, size2, size3 = abs(m0), abs(m1), abs(m2), abs(m3)
     for lane in range(LANES):
-        i, out = CENTER * LANES + lane, (CORNERS + 8 * row) * LANES + lane
+        i, out = CENTER * LANES + lane, (CORNERS + row) * LANES + lane
         cx, cy, cz, px, py, pz = s[i], s[i + ROW], s[i + 2 * ROW], s[i + 3 * ROW], s[i + 4 * ROW], s[i + 5 * ROW]
         qx, qy, qz, rx, ry, rz = (
             s[i + 6 * ROW], s[i + 7 * ROW], s[i + 8 * ROW], s[i + 9 * ROW], s[i + 10 * ROW], s[i + 11 * ROW]
@@ -218,114 +210,135 @@ def _transform(matrix, row, s):
         reach2 = m0 * rx + m1 * ry + m2 * rz
         a, b = middle - reach0, middle + reach0
         c, d, e, f = a - reach1, b - reach1, a + reach1, b + reach1
-        s[out], s[out + ROW], s[out + 2 * ROW], s[out + 3 * ROW] = c - reach2, d - reach2, e - reach2, f - reach2
-        s[out + 4 * ROW], s[out + 5 * ROW] = c + reach2, d + reach2
-        s[out + 6 * ROW], s[out + 7 * ROW] = e + reach2, f + reach2
+        s[out], s[out + CORNER] = c - reach2, d - reach2
+        s[out + 2 * CORNER], s[out + 3 * CORNER] = e - reach2, f - reach2
+        s[out + 4 * CORNER], s[out + 5 * CORNER] = c + reach2, d + reach2
+        s[out + 6 * CORNER], s[out + 7 * CORNER] = e + reach2, f + reach2
         x, y, z = abs(cx) + abs(px) + abs(qx) + abs(rx), abs(cy) + abs(py) + abs(qy) + abs(ry), abs(cz) + abs(pz)
         terms = size0 * x + size1 * y + size2 * (z + abs(qz) + abs(rz))
         s[(SLACKS + row) * LANES + lane] = SLACK * (terms + size3)
-        s[BOUND * LANES + lane] += abs(middle) + abs(reach0) + abs(reach1) + abs(reach2)
+        bound = abs(middle) + abs(reach0) + abs(reach1) + abs(reach2)
+        s[BOUND * LANES + lane] = bound + (s[BOUND * LANES + lane] if row > 0 else 0.0)
 
 
-# Of w and the coordinate `row`: w + x, w - x, w + y, w - y, w - z, z, w.
-FUNCTIONS = ((0, 1.0, 1.0), (0, 1.0, -1.0), (1, 1.0, 1.0), (1, 1.0, -1.0), (2, 1.0, -1.0), (2, 0.0, 1.0), (2, 1.0, 0.0))
+@inlined
+def _function(s, i, row, sign):
+    """w + sign times coordinate `row` of the corner whose rows begin at i; the coordinate alone for a sign of 0."""
+    if sign == 0:
+        return s[i + row * ROW]
+    return s[i + 3 * ROW] + s[i + row * ROW] if sign > 0 else s[i + 3 * ROW] - s[i + row * ROW]
 
 
-@helper
+@inlined
+def _least_of(s, lane, row, sign):
+    """Least of `_function` over the corners."""
+    i = CORNERS * LANES + lane
+    a, b = _function(s, i, row, sign), _function(s, i + CORNER, row, sign)
+    c, d = _function(s, i + 2 * CORNER, row, sign), _function(s, i + 3 * CORNER, row, sign)
+    e, f = _function(s, i + 4 * CORNER, row, sign), _function(s, i + 5 * CORNER, row, sign)
+    g, h = _function(s, i + 6 * CORNER, row, sign), _function(s, i + 7 * CORNER, row, sign)
+    return min(least4(a, b, c, d), least4(e, f, g, h))
+
+
+@inlined
 def _classify(s):
     """Row FRONT: 1 where all corners are finite, before the near plane, with a w that is surely positive. Row INSIDE."""
-    for which in range(7):
-        row, of_w, of_row = FUNCTIONS[which]
-        for lane in range(LANES):
-            i, j = (CORNERS + 8 * row) * LANES + lane, (CORNERS + 24) * LANES + lane
-            a, b = of_w * s[j] + of_row * s[i], of_w * s[j + ROW] + of_row * s[i + ROW]
-            c, d = of_w * s[j + 2 * ROW] + of_row * s[i + 2 * ROW], of_w * s[j + 3 * ROW] + of_row * s[i + 3 * ROW]
-            e, f = of_w * s[j + 4 * ROW] + of_row * s[i + 4 * ROW], of_w * s[j + 5 * ROW] + of_row * s[i + 5 * ROW]
-            g, h = of_w * s[j + 6 * ROW] + of_row * s[i + 6 * ROW], of_w * s[j + 7 * ROW] + of_row * s[i + 7 * ROW]
-            s[(LEAST + which) * LANES + lane] = min(min(min(a, b), min(c, d)), min(min(e, f), min(g, h)))
+    prefer_wide()
     for lane in range(LANES):
-        i, j = LEAST * LANES + lane, SLACKS * LANES + lane
+        j = SLACKS * LANES + lane
         sx, sy, sz, sw = s[j], s[j + ROW], s[j + 2 * ROW], s[j + 3 * ROW]
-        near, w = s[i + 5 * ROW], s[i + 6 * ROW]
+        near, w = _least_of(s, lane, 2, 0), _least_of(s, lane, 3, 0)
         front = (s[BOUND * LANES + lane] < np.inf) & (near >= -(2.0 * sz)) & (w > 2.0 * sw)
-        inside = (s[i] > sw + sx) & (s[i + ROW] > sw + sx) & (s[i + 2 * ROW] > sw + sy) & (s[i + 3 * ROW] > sw + sy)
-        inside = inside & (near > sz) & (s[i + 4 * ROW] > sw + sz)
+        inside = (_least_of(s, lane, 0, 1) > sw + sx) & (_least_of(s, lane, 0, -1) > sw + sx)
+        inside = inside & (_least_of(s, lane, 1, 1) > sw + sy) & (_least_of(s, lane, 1, -1) > sw + sy)
+        inside = inside & (near > sz) & (_least_of(s, lane, 2, -1) > sw + sz)
         s[FRONT * LANES + lane] = 1.0 if front else 0.0
         s[INSIDE * LANES + lane] = 1.0 if inside else 0.0
 
 
-@helper
-def _find_ratios(s):
-    """Rows LOW and HIGH: ranges of x/w, y/w and z/w over the corners, slack included."""
-    for k in range(8):
-        for lane in range(LANES):
-            w, slack = s[(CORNERS + 24 + k) * LANES + lane], s[(SLACKS + 3) * LANES + lane]
-            near, far = w - slack, w + slack
-            inverse = 1.0 / (near * far)
-            s[(NEAR + k) * LANES + lane], s[(FAR + k) * LANES + lane] = far * inverse, near * inverse
-    for row in range(3):
-        for k in range(8):
-            for lane in range(LANES):
-                a, slack = s[(CORNERS + 8 * row + k) * LANES + lane], s[(SLACKS + row) * LANES + lane]
-                near, far = s[(NEAR + k) * LANES + lane], s[(FAR + k) * LANES + lane]
-                lo, hi = a - slack, a + slack
-                s[(LOWS + k) * LANES + lane] = min(lo * near, lo * far)
-                s[(HIGHS + k) * LANES + lane] = max(hi * near, hi * far)
-        for lane in range(LANES):
-            i, j = LOWS * LANES + lane, HIGHS * LANES + lane
-            a, b = least4(s[i], s[i + ROW], s[i + 2 * ROW], s[i + 3 * ROW]), least4(
-                s[i + 4 * ROW], s[i + 5 * ROW], s[i + 6 * ROW], s[i + 7 * ROW]
-            )  # fmt: skip
-            c, d = most4(s[j], s[j + ROW], s[j + 2 * ROW], s[j + 3 * ROW]), most4(
-                s[j + 4 * ROW], s[j + 5 * ROW], s[j + 6 * ROW], s[j + 7 * ROW]
-            )  # fmt: skip
-            s[(LOW + row) * LANES + lane], s[(HIGH + row) * LANES + lane] = min(a, b), max(c, d)
+@inlined
+def _invert(s, k, lane):
+    """Rows NEAR and FAR of a corner."""
+    w, slack = s[(CORNERS + 4 * k + 3) * LANES + lane], s[(SLACKS + 3) * LANES + lane]
+    near, far = w - slack, w + slack
+    inverse = 1.0 / (near * far)
+    s[(NEAR + k) * LANES + lane], s[(FAR + k) * LANES + lane] = far * inverse, near * inverse
 
 
-@helper
-def _find_pixels(viewport, s):
-    """Rows X0, X1, Y0, Y1 from LOW and HIGH."""
-    for axis in range(2):
-        size = np.float64(viewport.width if axis == 0 else viewport.height)
-        offset = np.float64(viewport.left if axis == 0 else viewport.top)
-        for lane in range(LANES):
-            lo, hi = s[(LOW + axis) * LANES + lane], s[(HIGH + axis) * LANES + lane]
-            a, b = (lo, hi) if axis == 0 else (-hi, -lo)
-            s[(X0 + 2 * axis) * LANES + lane], s[(X0 + 2 * axis + 1) * LANES + lane] = _pixels(a, b, size, offset)
-
-
-@helper
-def _find_depths(viewport, s):
-    """Row DEPTH from LOW of z; FRONT also says whether the pixels are known."""
+@inlined
+def _invert_all(s):
+    prefer_wide()
     for lane in range(LANES):
-        i = X0 * LANES + lane
-        known = (s[i] <= s[i + ROW]) & (s[i + 2 * ROW] <= s[i + 3 * ROW])
-        empty = (s[i] == s[i + ROW]) | (s[i + 2 * ROW] == s[i + 3 * ROW])
-        s[FRONT * LANES + lane] = s[FRONT * LANES + lane] if known else 0.0
-        s[i + ROW], s[i + 3 * ROW] = (s[i] if empty else s[i + ROW]), (s[i + 2 * ROW] if empty else s[i + 3 * ROW])
-        s[DEPTH * LANES + lane] = _depth_of(s[(LOW + 2) * LANES + lane], viewport)
+        _invert(s, 0, lane)
+        _invert(s, 1, lane)
+        _invert(s, 2, lane)
+        _invert(s, 3, lane)
+        _invert(s, 4, lane)
+        _invert(s, 5, lane)
+        _invert(s, 6, lane)
+        _invert(s, 7, lane)
+
+
+@inlined
+def _quotient(s, row, k, lane):
+    """Range of coordinate `row` over w of a corner."""
+    a, slack = s[(CORNERS + 4 * k + row) * LANES + lane], s[(SLACKS + row) * LANES + lane]
+    near, far = s[(NEAR + k) * LANES + lane], s[(FAR + k) * LANES + lane]
+    lo, hi = a - slack, a + slack
+    return min(lo * near, lo * far), max(hi * near, hi * far)
+
+
+@inlined
+def _find_range(s, row):
+    """Rows LOW and HIGH of a coordinate: range of its quotients over the corners, slack included."""
+    prefer_wide()
+    for lane in range(LANES):
+        (a, b), (c, d) = _quotient(s, row, 0, lane), _quotient(s, row, 1, lane)
+        (e, f), (g, h) = _quotient(s, row, 2, lane), _quotient(s, row, 3, lane)
+        low, high = least4(a, c, e, g), most4(b, d, f, h)
+        (a, b), (c, d) = _quotient(s, row, 4, lane), _quotient(s, row, 5, lane)
+        (e, f), (g, h) = _quotient(s, row, 6, lane), _quotient(s, row, 7, lane)
+        s[(LOW + row) * LANES + lane] = min(low, least4(a, c, e, g))
+        s[(HIGH + row) * LANES + lane] = max(high, most4(b, d, f, h))
+
+
+@inlined
+def _find_rectangles(viewport, s):
+    """Rows X0, X1, Y0, Y1 and DEPTH from LOW and HIGH; FRONT also says whether the pixels are known. Whether all are FRONT."""
+    prefer_wide()
+    width, height = np.float64(viewport.width), np.float64(viewport.height)
+    left, top = np.float64(viewport.left), np.float64(viewport.top)
+    behind = np.uint8(0)
+    for lane in range(LANES):
+        i, lo, hi = X0 * LANES + lane, LOW * LANES + lane, HIGH * LANES + lane
+        x0, x1 = _pixels(s[lo], s[hi], width, left)
+        y0, y1 = _pixels(-s[hi + ROW], -s[lo + ROW], height, top)
+        front = (s[FRONT * LANES + lane] == 1.0) & (x0 <= x1) & (y0 <= y1)
+        empty = (x0 == x1) | (y0 == y1)
+        s[i], s[i + ROW] = x0, (x0 if empty else x1)
+        s[i + 2 * ROW], s[i + 3 * ROW] = y0, (y0 if empty else y1)
+        s[FRONT * LANES + lane] = 1.0 if front else 0.0
+        s[DEPTH * LANES + lane] = _depth_of(s[lo + 2 * ROW], viewport)
+        behind |= np.uint8(not front)
+    return behind == 0
 
 
 @helper
-def _store(first, count, viewport, s, bounds):
+def _store(first, count, viewport, all_front, s, bounds):
     """Results of the first `count` lanes to bounds; those that are not FRONT by `_project_one`."""
-    corners, slack, rect = bounds.corners[first:], bounds.slack[first:], bounds.rect[first:]
-    z_min, inside = bounds.z_min[first:], bounds.inside[first:]
+    store32(s, CORNERS, first, bounds.corners)
+    store4(s, SLACKS, first, bounds.slack)
+    rect, z_min, inside = bounds.rect[first:], bounds.z_min[first:], bounds.inside[first:]
     for lane in range(count):
-        to = corners[lane]
-        for k in range(8):
-            i = (CORNERS + k) * LANES + lane
-            to[k, 0], to[k, 1], to[k, 2], to[k, 3] = s[i], s[i + 8 * ROW], s[i + 16 * ROW], s[i + 24 * ROW]
-        for row in range(4):
-            slack[lane, row] = s[(SLACKS + row) * LANES + lane]
         inside[lane] = np.uint8(s[INSIDE * LANES + lane])
         i = X0 * LANES + lane
         rect[lane, 0], rect[lane, 1] = np.int32(s[i]), np.int32(s[i + 2 * ROW])
         rect[lane, 2], rect[lane, 3] = np.int32(s[i + ROW]), np.int32(s[i + 3 * ROW])
         z_min[lane] = np.float32(s[DEPTH * LANES + lane])
-    for lane in range(count):
-        if s[FRONT * LANES + lane] == 0.0:
-            _project_one(first + lane, viewport, bounds)
+    if not all_front:
+        for lane in range(count):
+            if s[FRONT * LANES + lane] == 0.0:
+                _project_one(first + lane, viewport, bounds)
 
 
 @kernel
@@ -333,21 +346,22 @@ def _project_boxes(
     matrix, left, top, width, height, min_depth, max_depth, s, center, axes, corners, slack, rect, z_min, inside
 ):  # fmt: skip
     """Field by field: Numba takes microseconds to look at a named tuple."""
+    prefer_wide()
     n, viewport = len(center), Viewport(left, top, width, height, min_depth, max_depth)
     bounds = PatchBounds(center, axes, corners, slack, rect, z_min, inside, center, z_min)  # cones are not looked at
     for first in range(0, n, LANES):
-        _load_boxes(first, n, bounds.center, bounds.axes, s)
-        for lane in range(LANES):
-            s[BOUND * LANES + lane] = 0.0
+        load3(s, CENTER, first, bounds.center)
+        load9(s, AXES, first, bounds.axes)
         _transform(matrix, 0, s)
         _transform(matrix, 1, s)
         _transform(matrix, 2, s)
         _transform(matrix, 3, s)
         _classify(s)
-        _find_ratios(s)
-        _find_pixels(viewport, s)
-        _find_depths(viewport, s)
-        _store(first, min(LANES, n - first), viewport, s, bounds)
+        _invert_all(s)
+        _find_range(s, 0)
+        _find_range(s, 1)
+        _find_range(s, 2)
+        _store(first, min(LANES, n - first), viewport, _find_rectangles(viewport, s), s, bounds)
 
 
 def project_boxes(matrix: F32, viewport: Viewport, bounds: PatchBounds) -> None:
