@@ -141,6 +141,16 @@ HALF, REACH, GAIN, NUM_FLOATS = 0, 3 * LANES, 6 * LANES, 9 * LANES
 MIXED = np.int32(-2)  # maps
 
 
+@inlined
+def _are_whole(ends):
+    """Whether all domains are whole patches. In pairs: to compare numbers that lie four apart, vectors are taken apart."""
+    cut = np.uint8(0)
+    for k in range(len(ends) // 2):
+        i = np.uintp(2) * np.uintp(k)
+        cut |= np.uint8((ends[i] != 0.0) | (ends[i + np.uintp(1)] != 1.0))
+    return cut == 0
+
+
 @helper
 def find_left(rational, tangent_id, gregory_id, ends, left):
     """left bool[n]: whether a patch is not plain: polynomial, with no tangent patches or inner points, and whole.
@@ -149,13 +159,14 @@ def find_left(rational, tangent_id, gregory_id, ends, left):
     """
     some = np.uint8(0)
     for p in range(len(left)):
-        i = np.uintp(4) * np.uintp(p)
-        curved = (rational[p] != 0) | (tangent_id[p] >= 0) | (gregory_id[p] >= 0)
-        starts = (ends[i] != 0.0) | (ends[i + np.uintp(2)] != 0.0)
-        stops = (ends[i + np.uintp(1)] != 1.0) | (ends[i + np.uintp(3)] != 1.0)
-        is_left = curved | starts | stops
+        is_left = (rational[p] != 0) | (tangent_id[p] >= 0) | (gregory_id[p] >= 0)
         left[p] = is_left
         some |= np.uint8(is_left)
+    if not _are_whole(ends):
+        for p in range(len(left)):
+            starts = (ends[4 * p] != 0.0) | (ends[4 * p + 2] != 0.0)
+            left[p] |= starts | (ends[4 * p + 1] != 1.0) | (ends[4 * p + 3] != 1.0)
+        some = np.uint8(1)
     return some != 0
 
 
@@ -205,6 +216,7 @@ def _fill_whole_boxes(
     control_points : float32[n, 64]
     center, axes   : float64[3 n] and [9 n]
     """
+    prefer_wide()
     n, some_left = len(control_points), find_left(rational, gregory_id, gregory_id, ends, left)
     tail, s = np.empty((LANES, 64), np.float32), aligned(np.empty(6 * LANES + 16, np.float32))
     d = aligned(np.zeros(NUM_FLOATS + 8))
