@@ -106,7 +106,7 @@ def _rows(table: dict[str, list[Any]]) -> list[Row]:
 
 
 def _draw(table: dict[str, list[Any]], figure: "Figure") -> None:
-    figure.set_size_inches(7.4, 3.4)
+    figure.set_size_inches(7.4, 3.7)
     axes = figure.subplots()
     names = [name for name in table["algorithm"] if not name.startswith("taylor")]
     series = (
@@ -130,7 +130,7 @@ def _draw(table: dict[str, list[Any]], figure: "Figure") -> None:
     axes.set_xticks(range(len(names)), [name.replace("_", "_\n") for name in names])
     axes.tick_params(axis="x", length=0)
     axes.set_ylabel("cost of bounding a patch\n(domain-shader invocations)")
-    axes.legend(loc="upper left")
+    figure.legend(loc="outside upper center", ncols=3)
     style.grid(axes)
 
 
