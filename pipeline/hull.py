@@ -77,8 +77,9 @@ def flag_nonfinite(patches: Patches, ranges: F64) -> U8:
 
 def _fine_edges(patches: Patches) -> B1:
     """Which rows of edge_row and corner_row name finite normals alone; one more, true, answers row -1."""
-    edges = np.asarray(np.isfinite(patches.edge_normals).all(axis=(1, 2)))
-    corners = np.asarray(np.isfinite(patches.corner_normals).all(axis=1))
+    edges, corners = _finite_rows(patches.edge_normals), _finite_rows(patches.corner_normals)
+    if edges.all() and corners.all():  # as nearly always
+        return np.ones(len(patches.edge_row) + 1, np.bool_)
     edge = np.where(patches.edge_row >= 0, patches.edge_row, ~patches.edge_row)
     return np.append(edges[edge].all(axis=1) & corners[patches.corner_row].all(axis=1), True)
 

@@ -11,6 +11,8 @@ from pipeline.bounds import BOUNDS
 from pipeline.bounds.normals import NPATCH, bound_normals
 from pipeline.culling import CULL_TESTS, classify
 from pipeline.culling.backface import MOST_SLACK
+from pipeline.jit import kernel
+from pipeline.subdivision import control_points, normal_slack
 from pipeline.subdivision.surface import Basis, make_surface
 from pipeline.types import FaceCull
 from tests.cages import BOX_FACES, BOX_POINTS, cage_of_faces, read_model
@@ -153,6 +155,31 @@ def test_slack_of_models_is_small(basis, name):
     """Halving the edges leaves no patch of which nothing is known."""
     slack = patches_of(*read_model(name), basis).normal_slack
     assert slack.max() < 2.0**-11 and np.median(slack) < 2e-5
+
+
+@kernel
+def _slack_one_by_one(
+    layer, sharing, basis, first, irregular, edge_base, corner_base, nets, out, edge_normals, corner_normals, slack
+):
+    pieces = np.empty((3, control_points.SLACK_LEVELS + 1, 6, 3))
+    for m in range(len(layer.quad)):
+        value = control_points._patch_slack(
+            layer, sharing, basis, m, irregular, edge_base, corner_base, out.control_points[first + m], nets, out,
+            edge_normals, corner_normals, pieces,
+        )  # fmt: skip
+        irregular += layer.regular[m] == 0
+        slack[first + m] = np.float32(value * (1.0 + 4.0 * control_points.U))
+
+
+@pytest.mark.parametrize("name", ["bigguy", "animated_head", "box"])
+@by_basis
+def test_slack_of_patches_side_by_side_is_that_of_one_after_the_other(basis, name, monkeypatch):
+    """Bit for bit, also where creases leave edges to the halving of curves."""
+    mesh = creased_box() if name == "box" else read_model(name)
+    slack = patches_of(*mesh, basis).normal_slack
+    monkeypatch.setattr(control_points, "_fill_slack", _slack_one_by_one)
+    np.testing.assert_array_equal(slack, patches_of(*mesh, basis).normal_slack)
+    assert (slack > normal_slack.FINE_SLACK).any() == (name == "box") and (slack > 0).all()
 
 
 def test_unit_normals_of_edges_are_as_long_as_any():

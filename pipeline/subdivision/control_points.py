@@ -19,14 +19,24 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.jit import helper, kernel
+from pipeline.subdivision import normal_slack
 from pipeline.subdivision.limit import multiply
+from pipeline.subdivision.normal_slack import (
+    SLACK_LEVELS,
+    corner_slack,
+    edge_slack,
+    load_differences,
+    load_nets,
+    side_slack,
+)
 from pipeline.subdivision.refine import move_points
 from pipeline.subdivision.surface import Basis, Layer, Sharing, Surface
 from pipeline.types import F32, F64
+from pipeline.vector_width import prefer_wide
+from pipeline.wide import LANES, greater, spread, store
 
 GREGORY = int(Basis.GREGORY)
 U = 2.0**-24
-FINE_SLACK, SLACK_LEVELS = 2.0**-12, 4  # bounds of slack above the first are looked at again on halves of the edge
 
 
 class Nets(NamedTuple):
@@ -326,111 +336,76 @@ def _rounded_nets(layer, m, basis, cp, irregular, out, nets):
 
 
 @helper
-def _least_length(n):
-    """Lower bound of the length of a curve of degree 5, from the Bernstein coefficients of its square."""
-    quintic = (1.0, 5.0, 10.0, 10.0, 5.0, 1.0)
-    tenfold = (1.0, 10.0, 45.0, 120.0, 210.0, 252.0, 210.0, 120.0, 45.0, 10.0, 1.0)
-    least = np.inf
-    for k in range(11):
-        total = 0.0
-        for i in range(max(0, k - 5), min(5, k) + 1):
-            j = k - i
-            total += quintic[i] * quintic[j] * (n[i, 0] * n[j, 0] + n[i, 1] * n[j, 1] + n[i, 2] * n[j, 2])
-        least = min(least, total / tenfold[k])
-    return math.sqrt(least) if least > 0.0 else 0.0
-
-
-@helper
-def _halve(curve, first, second):
-    """Both halves of a curve of degree 5 (de Casteljau); `second` may be `curve`."""
-    for c in range(3):
-        a0, a1, a2, a3, a4, a5 = curve[0, c], curve[1, c], curve[2, c], curve[3, c], curve[4, c], curve[5, c]
-        first[0, c], second[5, c] = a0, a5
-        a0, a1, a2, a3, a4 = 0.5 * (a0 + a1), 0.5 * (a1 + a2), 0.5 * (a2 + a3), 0.5 * (a3 + a4), 0.5 * (a4 + a5)
-        first[1, c], second[4, c] = a0, a4
-        a0, a1, a2, a3 = 0.5 * (a0 + a1), 0.5 * (a1 + a2), 0.5 * (a2 + a3), 0.5 * (a3 + a4)
-        first[2, c], second[3, c] = a0, a3
-        a0, a1, a2 = 0.5 * (a0 + a1), 0.5 * (a1 + a2), 0.5 * (a2 + a3)
-        first[3, c], second[2, c] = a0, a2
-        a0, a1 = 0.5 * (a0 + a1), 0.5 * (a1 + a2)
-        first[4, c], second[1, c] = a0, a1
-        first[5, c] = second[0, c] = 0.5 * (a0 + a1)
-
-
-@helper
-def _greatest_length(n):
-    most = 0.0
-    for k in range(6):
-        most = max(most, math.sqrt(n[k, 0] * n[k, 0] + n[k, 1] * n[k, 1] + n[k, 2] * n[k, 2]))
+def _patch_slack(
+    layer, sharing, basis, m, irregular, edge_base, corner_base, cp, nets, out, edge_normals, corner_normals, pieces
+):
+    """Slack of one patch."""
+    n, most = nets.n, 0.0
+    _rounded_nets(layer, m, basis, cp, irregular, out, nets)
+    for k in range(4):
+        _edge_normal_net(nets.tu, nets.tv, k, n)
+        with_edge = (layer.along[m, k] == 1) == (k < 2)
+        most = max(most, edge_slack(n, edge_normals[edge_base + sharing.edge[m, k]], with_edge, pieces))
+        h = 0 if k < 2 else 5
+        corner = corner_normals[corner_base + sharing.corner[m, k]]
+        most = max(most, corner_slack(n[h, 0], n[h, 1], n[h, 2], corner))
     return most
 
 
 @helper
-def _edge_slack(n, row, with_edge, pieces):
-    """Bound of the distance between the unit vectors of two curves of degree 5: n (6, 3), and `row`, the edge's.
-
-    With M = row, N = n times what brings it closest to M: |N/|N| - M/|M|| <= 2 |N - M| / |M|. A difference is at most its
-    greatest control vector. The rounding of the edge's six products and sums in float32, at most 16 u of the greatest
-    control vector, counts as difference. Where the Bernstein coefficients do not show that M is well away from zero, the
-    curves are halved, up to SLACK_LEVELS times. pieces : float64[3, SLACK_LEVELS + 1, 6, 3], scratch.
-    """
-    own, total = 0.0, 0.0
-    difference, edge, most = pieces[0], pieces[1], 0.0
-    for k in range(6):
-        for c in range(3):
-            edge[0, k, c] = row[k if with_edge else 5 - k, c]
-            own += n[k, c] * edge[0, k, c]
-            total += n[k, c] * n[k, c]
-    if not (total > 0.0 and own > 0.0):  # a negative multiple of N would be close to M where N is opposite to it
-        return 2.0
-    scale = own / total
-    for k in range(6):
-        for c in range(3):
-            difference[0, k, c] = scale * n[k, c] - edge[0, k, c]
-    rounding = 16.0 * U * _greatest_length(edge[0])
-    depth, top = pieces[2, :, 0, 0], 0  # a stack: its pieces' levels, and the piece to look at
-    depth[0] = 0.0
-    while top >= 0:
-        least = _least_length(edge[top])
-        slack = 2.0 * (_greatest_length(difference[top]) + rounding) / least if least > 0.0 else 2.0
-        if slack > FINE_SLACK and depth[top] < SLACK_LEVELS:
-            _halve(difference[top], difference[top + 1], difference[top])
-            _halve(edge[top], edge[top + 1], edge[top])
-            depth[top] += 1.0
-            depth[top + 1] = depth[top]
-            top += 1
-            continue
-        most = max(most, slack)
-        top = top - 1 if most < 2.0 else -1
-    return min(most + 4.0 * U, 2.0)
+def _load_nets(layer, m, basis, cp, irregular, out, nets, lane, s):
+    """The nets of `_rounded_nets`, of the patch of a lane."""
+    if layer.regular[m]:
+        load_differences(cp, lane, s)
+    elif basis == GREGORY:
+        _rounded_nets(layer, m, basis, cp, irregular, out, nets)
+        load_nets(nets.tu, nets.tv, lane, s)
+    else:
+        load_nets(out.tangent_u[irregular], out.tangent_v[irregular], lane, s)
 
 
 @helper
-def _corner_slack(x, y, z, corner):
-    size = math.sqrt(x * x + y * y + z * z)
-    if not size > 0.0:
-        return 2.0
-    dx, dy, dz = x / size - corner[0], y / size - corner[1], z / size - corner[2]
-    return math.sqrt(dx * dx + dy * dy + dz * dz) + 4.0 * U
+def _load_side(layer, sharing, m, k, lane, edge_base, corner_base, edge_normals, corner_normals, s):
+    """Normals that the patch of a lane shares on side k, the edge's in the direction of the parameter."""
+    edge, corner = edge_normals[edge_base + sharing.edge[m, k]], corner_normals[corner_base + sharing.corner[m, k]]
+    with_edge = (layer.along[m, k] == 1) == (k < 2)
+    for c in range(3):
+        for h in range(6):
+            s[normal_slack.EDGE + 3 * h + c, lane] = edge[h if with_edge else 5 - h, c]
+        s[normal_slack.CORNER + c, lane] = corner[c]
 
 
 @kernel
 def _fill_slack(
     layer, sharing, basis, first, irregular, edge_base, corner_base, nets, out, edge_normals, corner_normals, slack
 ):
-    n, pieces = nets.n, np.empty((3, SLACK_LEVELS + 1, 6, 3))
-    for m in range(len(layer.quad)):
-        _rounded_nets(layer, m, basis, out.control_points[first + m], irregular, out, nets)
-        irregular += layer.regular[m] == 0
-        most = 0.0
+    prefer_wide()
+    n, s, pieces = len(layer.quad), np.zeros((normal_slack.ROWS, LANES)), np.empty((3, SLACK_LEVELS + 1, 6, 3))
+    numbers = np.empty(LANES, np.int64)
+    for begin in range(0, n, LANES):
+        count = min(LANES, n - begin)
+        for lane in range(count):
+            m, numbers[lane] = begin + lane, irregular
+            _load_nets(layer, m, basis, out.control_points[first + m], irregular, out, nets, lane, s)
+            irregular += layer.regular[m] == 0
+        most, unsure = spread(0.0), spread(0.0)
         for k in range(4):
-            _edge_normal_net(nets.tu, nets.tv, k, n)
-            with_edge = (layer.along[m, k] == 1) == (k < 2)
-            most = max(most, _edge_slack(n, edge_normals[edge_base + sharing.edge[m, k]], with_edge, pieces))
-            h = 0 if k < 2 else 5
-            corner = corner_normals[corner_base + sharing.corner[m, k]]
-            most = max(most, _corner_slack(n[h, 0], n[h, 1], n[h, 2], corner))
-        slack[first + m] = np.float32(most * (1.0 + 4.0 * U))
+            for lane in range(count):
+                _load_side(
+                    layer, sharing, begin + lane, k, lane, edge_base, corner_base, edge_normals, corner_normals, s
+                )
+            most_here, unsure_here = side_slack(k, s)
+            most, unsure = greater(most, most_here), greater(unsure, unsure_here)
+        store(s, 0, most)
+        store(s, 1, unsure)
+        for lane in range(count):
+            m, value = begin + lane, s[0, lane]
+            if s[1, lane] > 0.0:
+                value = _patch_slack(
+                    layer, sharing, basis, m, numbers[lane], edge_base, corner_base, out.control_points[first + m], nets,
+                    out, edge_normals, corner_normals, pieces,
+                )  # fmt: skip
+            slack[first + m] = np.float32(value * (1.0 + 4.0 * U))
 
 
 class Result(NamedTuple):
