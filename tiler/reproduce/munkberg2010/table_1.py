@@ -144,6 +144,7 @@ without lookups, against a shader without a map. The numbers beside the figure h
 
 Deviations. Times with lookup and projection have no published value: both are float64, and gather and write much for few
 operations (8 clip-space corners a patch, where the shader writes a point), so they take more of the time than of the sums.
+`max_displacement` looks at every texel that a patch may read, which is a preprocess where texture coordinates stay as they are.
 Operations: the paper counts instructions of a GPU that does up to five operations in each, so a factor of 2 is allowed, and of
 3 for times; NPATCH needs fewer than printed, as its cross products are a plain convolution without divisors. The paper's HD
 5870 (83 for NPATCH) has no counterpart here. TAYLOR is not in the printed table; the text says about 25 times NPATCH.
