@@ -1,7 +1,8 @@
 """Makes every picture, counter table and figure of README.md and docs/ again: `python docs/make_figures.py`.
 
-Pictures go to docs/img. Text goes between the marks `<!-- begin NAME -->` and `<!-- end NAME -->` of the pages. All of it
-is counted, not timed, so it is the same on every machine; tests/test_docs.py checks that the pages are up to date.
+Pictures go to docs/img. Text goes between the marks `<!-- begin NAME -->` and `<!-- end NAME -->` of the pages. All of it but
+`TEXTS_OF_A_MACHINE` is counted, not timed, so it is the same on every machine; tests/test_docs.py checks that the pages are up
+to date.
 """
 
 import ast
@@ -22,7 +23,7 @@ from tiler.blame import BLAME, IDEAL, waterfall
 from tiler.comparison import EVERYTHING, MACHINES, compare
 from tiler.config import Machine
 from tiler.cost_model import break_even, break_even_text, cost_model_names, load_cost_model
-from tiler.costs import PAPER
+from tiler.costs import PAPER, box_name, measure_times
 from tiler.counters import DEFINITIONS
 from tiler.files import write_bytes, write_png
 from tiler.heatmaps import heatmap_picture
@@ -353,6 +354,25 @@ def compiled_costs_rows() -> str:
     return "\n".join([*lines, "", f"One invocation: {plain.total:.0f} operations, {mapped.total:.0f} with a map."])
 
 
+def box_times_rows() -> str:
+    """docs/bounds.md: times of the boxes alone, beside an invocation of the shader without a map."""
+    times = measure_times()
+    shader = times["domain shader"]
+    lines = ["| bound | ns a patch | invocations | paper |", "| --- | ---: | ---: | ---: |"]
+    for name in PAPER:
+        box = times[box_name(name)]
+        lines.append(f"| `{name}` | {box * 1e9:.1f} | {box / shader:.1f} | {PAPER[name][1]:g} |")
+    mapped, lookup, projection = (times[name] * 1e9 for name in ("domain shader, map", "lookup", "projection"))
+    return "\n".join(
+        [
+            *lines,
+            "",
+            f"An invocation took {shader * 1e9:.1f} ns, with a map {mapped:.1f} ns. Beside the boxes stand the pyramid lookup, "
+            f"{lookup:.0f} ns a patch, and the projection, {projection:.0f} ns.",
+        ]
+    )
+
+
 EXAMPLE = ROOT / "docs" / "examples" / "diagonal.py"
 
 
@@ -391,7 +411,10 @@ TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
 }
 
 # What differs from machine to machine: made like the rest, and not held to the pages by a test.
-TEXTS_OF_A_MACHINE = {"compiled costs": (ROOT / "docs" / "bounds.md", compiled_costs_rows)}
+TEXTS_OF_A_MACHINE = {
+    "compiled costs": (ROOT / "docs" / "bounds.md", compiled_costs_rows),
+    "times of boxes": (ROOT / "docs" / "bounds.md", box_times_rows),
+}
 
 
 def replace_block(page: str, name: str, text: str) -> str:
